@@ -1,0 +1,38 @@
+"""What every test shares: one thread a process, and where the working data lies."""
+
+import os
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch: several processes on few cores spin otherwise
+
+from pathlib import Path
+
+import pytest
+import torch
+
+torch.set_num_threads(1)
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The repository."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of working data beside the checkout; the test is skipped where there is none."""
+    folder = ROOT.parent / "shared"
+    if not folder.is_dir():
+        pytest.skip("no folder `shared` with the working data beside the checkout")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def sixscenes(shared: Path) -> Path:
+    """The rendered dataset sixscenes-v0."""
+    folder = shared / "data" / "sixscenes-v0"
+    if not folder.is_dir():
+        pytest.skip("no data/sixscenes-v0 in the folder `shared` beside the checkout")
+    return folder

@@ -1,0 +1,76 @@
+import numpy as np
+import torch
+
+from .boats import boat, truth
+from usvnet.evaluation.records import ESTIMATORS, match_boats, to_records, to_truths
+from usvnet.types import Boats, Prediction, RangeEstimate
+
+LETTERBOX = torch.tensor([[[0.5, 0.0, 3.0], [0.0, 0.5, 83.0], [0.0, 0.0, 1.0]]])
+
+
+def estimate(slant_m):
+    slant_m = torch.as_tensor(slant_m)
+    return RangeEstimate(
+        slant_m, 0.1 * slant_m, 0.9 * slant_m, 0 * slant_m, torch.zeros(*slant_m.shape, 3), torch.isfinite(slant_m)
+    )
+
+
+def prediction():
+    torch.manual_seed(0)
+    return Prediction(
+        boxes_px=torch.rand(1, 3, 4) * 100,
+        scores=torch.tensor([[0.4, 0.8, 0.0]], requires_grad=True),
+        keypoints_px=torch.rand(1, 3, 7, 2) * 100,
+        keypoint_covariance_px2=torch.eye(2).expand(1, 3, 7, 2, 2),
+        visibility=torch.rand(1, 3, 7),
+        present=torch.tensor([[True, True, False]]),
+        box_bottom=estimate([[5.0, float("inf"), 0.0]]),
+        waterline=estimate([[6.0, 7.0, 0.0]]),
+    )
+
+
+def test_estimators_are_the_range_estimates_of_a_prediction():
+    assert ESTIMATORS[:2] == ("box_bottom", "waterline")
+
+
+def test_boats_come_best_first_without_padding():
+    batch = prediction()
+    (records,) = to_records(batch)
+    assert [round(record.score, 6) for record in records] == [0.8, 0.4]
+    np.testing.assert_allclose(records[0].box_px, batch.boxes_px[0, 1])
+    assert records[0].ranges["waterline"].slant_m == 7.0
+    assert not records[0].ranges["box_bottom"].usable
+    assert records[1].ranges["box_bottom"].usable
+
+
+def test_a_letterbox_is_undone_and_leaves_ranges_alone():
+    batch = prediction()
+    (records,), (native,) = to_records(batch), to_records(batch, LETTERBOX)
+    for moved, back in zip(records, native):
+        np.testing.assert_allclose(back.keypoints_px * 0.5 + [3.0, 83.0], moved.keypoints_px)
+        np.testing.assert_allclose(back.box_px * 0.5 + [3.0, 83.0, 3.0, 83.0], moved.box_px)
+        np.testing.assert_allclose(back.keypoint_covariance_px2, 4 * moved.keypoint_covariance_px2)
+        assert back.ranges["waterline"].slant_m == moved.ranges["waterline"].slant_m
+
+
+def test_labels_leave_out_padding_and_carry_the_scene():
+    boats = Boats(
+        boxes_px=torch.ones(1, 2, 4),
+        keypoints_px=torch.ones(1, 2, 7, 2),
+        visibility=torch.full((1, 2, 7), 2),
+        present=torch.tensor([[False, True]]),
+        range_m=torch.tensor([[0.0, 9.5]]),
+        range_std_m=torch.tensor([[0.0, 0.5]]),
+        reference=torch.tensor([[-1, 3]]),
+    )
+    ((label,),) = to_truths(boats, ["IV"], LETTERBOX)
+    assert (label.range_m, label.range_std_m, label.reference, label.scene) == (9.5, 0.5, 3, "IV")
+    np.testing.assert_allclose(label.keypoints_px[0], [-4.0, -164.0])
+
+
+def test_each_labelled_boat_is_matched_once():
+    first, second = truth(), truth(30.0)  # overlapping boxes
+    best, other = boat(second, 0.9), boat(second, 0.8)
+    assert match_boats([other, best], [first, second]) == [other, best]
+    assert match_boats([best], [first, second]) == [None, best]
+    assert match_boats([best], []) == []

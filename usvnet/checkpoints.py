@@ -1,0 +1,83 @@
+"""Reading trained weights, strictly and without running any code that a file may carry."""
+
+import hashlib
+import pickle
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from usvnet.model import USVNet
+
+STAMP = "usvnet"
+"""Key of what training writes beside the weights: ``{"variant": str, "curved_water": bool, "image_size": int | None}``."""
+MODEL_PREFIX = "model."
+"""Where the weights of :class:`USVNet` stand in the ``state_dict`` of :class:`usvnet.training.USVModule`."""
+
+
+def read_checkpoint(path: Path | str) -> dict[str, Any]:
+    """Read a checkpoint as training wrote it; its ``state_dict`` holds the averaged weights.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: the file is not a checkpoint of usvnet.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such checkpoint file")
+    try:
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+    except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
+        raise ValueError(f"{path}: got a file that is not a checkpoint, expected one written by train.py") from error
+    if not isinstance(checkpoint, dict) or not {STAMP, "state_dict"} <= checkpoint.keys():
+        raise ValueError(f"{path}: got a checkpoint of something else, expected one written by train.py")
+    return checkpoint
+
+
+def check_variant(path: Path | str, checkpoint: dict[str, Any], variant: str) -> None:
+    """Make sure that a checkpoint belongs to a network of size ``variant``.
+
+    Raises:
+        ValueError: it belongs to another size.
+    """
+    found = checkpoint[STAMP]["variant"]
+    if found != variant:
+        raise ValueError(f"{path}: got a checkpoint of size {found!r}, expected size {variant!r}")
+
+
+def load_model(path: Path | str, variant: str | None = None) -> USVNet:
+    """Build the network that a checkpoint belongs to, with its averaged weights, ready to predict.
+
+    Args:
+        path: a checkpoint written by train.py.
+        variant: the size that is expected, or None to take whichever the checkpoint has.
+
+    Returns:
+        The model on the CPU in evaluation mode.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: the file is not a checkpoint of usvnet, of another size, or its weights do not fit.
+    """
+    checkpoint = read_checkpoint(path)
+    if variant is not None:
+        check_variant(path, checkpoint, variant)
+    stamp = checkpoint[STAMP]
+    model = USVNet(stamp["variant"], curved_water=stamp["curved_water"])
+    weights = {
+        name.removeprefix(MODEL_PREFIX): value
+        for name, value in checkpoint["state_dict"].items()
+        if name.startswith(MODEL_PREFIX)
+    }
+    try:
+        model.load_state_dict(weights, strict=True)
+    except RuntimeError as error:
+        reason = str(error).splitlines()[1].strip() if "\n" in str(error) else str(error)
+        raise ValueError(f"{path}: its weights do not fit a network of size {stamp['variant']!r}: {reason}") from error
+    return model.eval()
+
+
+def sha256(path: Path | str) -> str:
+    """Hexadecimal SHA-256 of a file."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

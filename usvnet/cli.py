@@ -1,0 +1,75 @@
+"""The ``usvnet`` command: each subcommand is a plain function in :mod:`usvnet.commands`.
+
+The function's signature is its options and its docstring their help. Only the command that was asked for is imported,
+so that ``usvnet --help`` does not wait for PyTorch.
+"""
+
+import sys
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any, NoReturn
+
+from jsonargparse import ArgumentParser
+
+from usvnet import __version__
+from usvnet.files import run_program
+
+COMMANDS = {
+    "calibrate": "find a camera's focal length and distortion from pictures of a chessboard",
+    "check-data": "count a dataset and name every fault in it",
+    "export": "write a trained model as TorchScript, for C++ or for Python without usvnet",
+}
+
+
+class CommandParser(ArgumentParser):
+    """Options with dashes, and one line when they are wrong."""
+
+    def add_argument(self, *names: Any, **settings: Any) -> Any:
+        """Spell ``--board_size`` as ``--board-size``."""
+        dashed = [name.replace("_", "-") if name.startswith("--") else name for name in names]
+        return super().add_argument(*dashed, **settings)
+
+    def error(self, message: str, ex: Exception | None = None) -> NoReturn:
+        """Leave the one line to :func:`usvnet.files.run_program`."""
+        asked = getattr(ex, "subcommand_parser", None) or self
+        raise ValueError(f"{message} (see {asked.prog.replace('[options] ', '')} --help)") from ex
+
+
+def command_function(name: str) -> Callable[..., object]:
+    """The function behind ``usvnet <name>``, e.g. ``usvnet.commands.check_data.check_data``."""
+    module = name.replace("-", "_")
+    function: Callable[..., object] = getattr(import_module(f"usvnet.commands.{module}"), module)
+    return function
+
+
+def build_parser(needed: Sequence[str] = tuple(COMMANDS)) -> ArgumentParser:
+    """The parser of ``usvnet``, with the options of the ``needed`` commands only."""
+    parser = CommandParser(prog="usvnet", description=f"usvnet {__version__}", version=__version__)
+    subcommands = parser.add_subcommands(required=True)
+    for name, summary in COMMANDS.items():
+        command = CommandParser(description=summary)
+        if name in needed:
+            command.add_function_arguments(command_function(name), as_positional=True)
+        subcommands.add_subcommand(name, command, help=summary)
+    return parser
+
+
+def run(arguments: Sequence[str] | None = None) -> None:
+    """Parse ``arguments`` (the command line by default) and call the chosen command.
+
+    Raises:
+        ValueError: an unknown command or option, or a value of the wrong type.
+    """
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    settings = build_parser(needed=arguments).parse_args(arguments)
+    name: str = settings.subcommand
+    command_function(name)(**vars(settings[name]))
+
+
+def main() -> None:
+    """Entry point of the ``usvnet`` script."""
+    run_program(run)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""One file a subcommand of ``usvnet``; :mod:`usvnet.cli` gathers them."""

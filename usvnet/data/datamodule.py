@@ -1,0 +1,104 @@
+"""A dataset folder as Lightning's train, validation and test loaders."""
+
+from pathlib import Path
+
+import cv2
+import torch
+from lightning import LightningDataModule
+from torch.utils.data import DataLoader
+
+from usvnet.data.dataset import BoatDataset, Sample, collate
+from usvnet.data.reader import read_dataset
+from usvnet.data.records import Frame
+from usvnet.data.transforms import AugmentationConfig
+
+DEFAULT_AUGMENTATION = AugmentationConfig()
+STAGE_SPLITS = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",), "predict": ()}
+
+
+class BoatDataModule(LightningDataModule):
+    """Loaders of :class:`usvnet.types.Batch` from a dataset folder (see :mod:`usvnet.data.reader`).
+
+    Args:
+        root: the folder that holds data.yaml; a relative path counts from the working directory.
+        image_size: side of the square picture that the network sees, a multiple of 32.
+        batch_size: pictures a batch.
+        num_workers: processes that prepare batches; 0 prepares them in the training process.
+        cache_mb: memory for decoded pictures, for each split.
+        augmentation: of the training pictures; null for none.
+    """
+
+    def __init__(
+        self,
+        root: str,
+        image_size: int = 320,
+        batch_size: int = 16,
+        num_workers: int = 0,
+        cache_mb: int = 1024,
+        augmentation: AugmentationConfig | None = DEFAULT_AUGMENTATION,
+    ) -> None:
+        super().__init__()
+        if image_size <= 0 or image_size % 32:
+            raise ValueError(f"image_size is {image_size}, expected a multiple of 32")
+        if batch_size < 1 or num_workers < 0 or cache_mb < 0:
+            raise ValueError(
+                f"batch_size is {batch_size}, num_workers {num_workers}, cache_mb {cache_mb}, expected at least 1, 0, 0"
+            )
+        self.root = Path(root)
+        self.image_size = image_size
+        self.batch_size = batch_size
+        self.num_workers = num_workers
+        self.cache_mb = cache_mb
+        self.augmentation = augmentation
+        self._datasets: dict[str, BoatDataset] = {}
+
+    def setup(self, stage: str) -> None:
+        """Read the splits of a stage and decode their pictures, so that a fault shows before training begins."""
+        for split in STAGE_SPLITS[stage]:
+            self.dataset(split).fill_cache()
+
+    def dataset(self, split: str) -> BoatDataset:
+        """Read a split, once.
+
+        Raises:
+            ValueError: unknown split or faulty files, see :func:`read_dataset`.
+        """
+        if split not in self._datasets:
+            augmentation = self.augmentation if split == "train" else None
+            frames = read_dataset(self.root, split)
+            self._datasets[split] = BoatDataset(frames, self.image_size, augmentation, self.cache_mb)
+        return self._datasets[split]
+
+    def frames(self, split: str) -> list[Frame]:
+        """Give the frames of a split; a batch's ``index`` counts in this list."""
+        return self.dataset(split).frames
+
+    def train_dataloader(self) -> DataLoader[Sample]:
+        """Load augmented training pictures in random order, every one of them each epoch."""
+        return self._loader("train")
+
+    def val_dataloader(self) -> DataLoader[Sample]:
+        """Load letterboxed validation pictures in order."""
+        return self._loader("val")
+
+    def test_dataloader(self) -> DataLoader[Sample]:
+        """Load letterboxed test pictures in order."""
+        return self._loader("test")
+
+    def _loader(self, split: str) -> DataLoader[Sample]:
+        return DataLoader(
+            self.dataset(split),
+            batch_size=self.batch_size,
+            shuffle=split == "train",
+            num_workers=self.num_workers,
+            collate_fn=collate,
+            worker_init_fn=_calm_worker,
+            persistent_workers=self.num_workers > 0,
+            pin_memory=torch.cuda.is_available(),
+        )
+
+
+def _calm_worker(_: int) -> None:
+    """Keep a worker to one thread: several processes that all use every core wait for each other most of the time."""
+    torch.set_num_threads(1)
+    cv2.setNumThreads(0)

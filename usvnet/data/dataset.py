@@ -1,0 +1,131 @@
+"""Frames as samples of a fixed size, and samples as batches of tensors."""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from usvnet.data.pictures import Picture, PictureCache
+from usvnet.data.records import Frame
+from usvnet.data.transforms import (
+    Affine,
+    AugmentationConfig,
+    change_colours,
+    mirror_frame,
+    move_frame,
+    random_affine,
+    resize_matrix,
+    warp,
+)
+from usvnet.geometry.camera import letterbox_matrix, stack_cameras
+from usvnet.types import NEAREST_WATERLINE, NUM_KEYPOINTS, Batch, Boats
+
+TRIES = 10
+"""How often a zoom that loses every boat is drawn anew."""
+
+
+class Sample(NamedTuple):
+    """One picture of the network's size with its frame moved along."""
+
+    picture: Picture
+    frame: Frame
+    index: int
+
+
+class BoatDataset(Dataset[Sample]):
+    """Pictures letterboxed to ``size_px`` x ``size_px`` and, for training, augmented.
+
+    Randomness comes from torch's generator, which the data loader seeds differently in each worker:
+    ``seed_everything`` makes a run repeatable.
+
+    Args:
+        frames: what :func:`usvnet.data.read_dataset` returned.
+        size_px: side of the square that the network sees.
+        augmentation: None letterboxes only.
+        cache_mb: memory for decoded pictures, which are kept at no more than twice ``size_px``.
+    """
+
+    def __init__(
+        self, frames: list[Frame], size_px: int, augmentation: AugmentationConfig | None = None, cache_mb: int = 1024
+    ) -> None:
+        self.frames = frames
+        self.size_px = (size_px, size_px)
+        self.augmentation = augmentation
+        self.cache = PictureCache(cache_mb, longest_px=2 * size_px)
+
+    def __len__(self) -> int:
+        """Count the frames."""
+        return len(self.frames)
+
+    def letterbox_matrix(self, index: int) -> Tensor:
+        """(3, 3) float64 matrix from the native pixels of a picture to those of its letterboxed sample."""
+        return letterbox_matrix(torch.tensor(self.frames[index].size_px, dtype=torch.float64), self.size_px)
+
+    def fill_cache(self) -> None:
+        """Decode pictures until the budget is used up: once, before worker processes are forked.
+
+        Raises:
+            ValueError: a picture is damaged or not of its camera's size.
+        """
+        for frame in self.frames:
+            if self.cache.left_bytes < 3 * self.size_px[0] * self.size_px[1]:
+                return
+            self.cache.read(frame.image_path, frame.size_px)
+
+    def __getitem__(self, index: int) -> Sample:
+        """Make a sample, a different one each time when augmenting."""
+        native = self.frames[index]
+        picture = self.cache.read(native.image_path, native.size_px)
+        letterbox = self.letterbox_matrix(index).numpy()
+        from_cached = letterbox @ resize_matrix((picture.shape[1], picture.shape[0]), native.size_px)
+        if self.augmentation is None:
+            return Sample(warp(picture, from_cached, self.size_px), move_frame(native, letterbox, self.size_px), index)
+        rng = np.random.default_rng(int(torch.randint(2**63 - 1, (1,))))
+        A, frame = self._place(native, letterbox, self.augmentation, rng)
+        picture = warp(picture, A @ from_cached, self.size_px)
+        if rng.random() < self.augmentation.mirror:
+            picture, frame = np.ascontiguousarray(picture[:, ::-1]), mirror_frame(frame)
+        return Sample(change_colours(picture, self.augmentation, rng), frame, index)
+
+    def _place(
+        self, native: Frame, letterbox: Affine, config: AugmentationConfig, rng: np.random.Generator
+    ) -> tuple[Affine, Frame]:
+        """Draw zoom and shift after the letterbox so that at least one boat stays in the frame, if there is one."""
+        for _ in range(TRIES):
+            A = random_affine(config, self.size_px, rng)
+            frame = move_frame(native, A @ letterbox, self.size_px)
+            if len(frame.boxes_px) or not len(native.boxes_px):
+                return A, frame
+        return np.eye(3), move_frame(native, letterbox, self.size_px)
+
+
+def collate(samples: list[Sample]) -> Batch:
+    """Stack samples into a :class:`Batch`, boats padded to the largest number in it (at least 1)."""
+    pictures = torch.from_numpy(np.stack([sample.picture for sample in samples]))
+    frames = [sample.frame for sample in samples]
+    longest = max(1, *(len(frame.boxes_px) for frame in frames))
+
+    def padded(columns: list[NDArray], shape: tuple[int, ...], fill: int, dtype: torch.dtype) -> Tensor:
+        out = torch.full((len(columns), longest, *shape), fill, dtype=dtype)
+        for row, column in zip(out, columns):
+            row[: len(column)] = torch.from_numpy(column)
+        return out
+
+    boats = Boats(
+        boxes_px=padded([f.boxes_px for f in frames], (4,), 0, torch.float32),
+        keypoints_px=padded([f.keypoints_px for f in frames], (NUM_KEYPOINTS, 2), 0, torch.float32),
+        visibility=padded([f.visibility for f in frames], (NUM_KEYPOINTS,), 0, torch.int64),
+        present=padded([np.ones(len(f.boxes_px), bool) for f in frames], (), 0, torch.bool),
+        range_m=padded([f.range_m for f in frames], (), 0, torch.float32),
+        range_std_m=padded([f.range_std_m for f in frames], (), 0, torch.float32),
+        reference=padded([f.reference for f in frames], (), NEAREST_WATERLINE, torch.int64),
+    )
+    return Batch(
+        image=pictures.permute(0, 3, 1, 2).float().div_(255),  # of interleaved pixels: channels_last in memory
+        camera=stack_cameras([frame.camera for frame in frames]),
+        boats=boats,
+        index=torch.tensor([sample.index for sample in samples]),
+    )

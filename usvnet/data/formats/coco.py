@@ -1,0 +1,123 @@
+"""COCO keypoints JSON: all pictures and boats of a split in one file.
+
+COCO leaves half a pixel open. We read it as labelling tools write it, the same number that they divide by the picture's
+width for YOLO: pixel i covers [i, i + 1), so u = x - 0.5 for keypoints and for the corners of boxes. (The people
+of the original COCO set were marked in whole pixel numbers instead.) The two formats of one tool then agree.
+"""
+
+import json
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from usvnet.data.records import Faults, Frame, Labels
+from usvnet.files import atomic_write
+from usvnet.types import KEYPOINT_NAMES, NUM_KEYPOINTS
+
+
+def read_coco(path: Path, faults: Faults) -> dict[str, tuple[Labels, tuple[int, int]]]:
+    """Read the boats and the size (width, height) of every picture, by its ``file_name`` below images/.
+
+    Boats stand in the order of the file: ``instance`` in ranges.csv counts them. Annotations of crowds are refused.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: naming the file and the annotation (or noted in ``faults``).
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        images, annotations = content["images"], content["annotations"]
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not readable as JSON: {error}") from None
+    except (KeyError, TypeError):
+        raise ValueError(f"{path}: expected the keys 'images', 'annotations' and 'categories' of COCO") from None
+    for category in content.get("categories", []):
+        if "keypoints" in category and tuple(category["keypoints"]) != KEYPOINT_NAMES:
+            raise ValueError(f"{path}: keypoints are {category['keypoints']}, expected {list(KEYPOINT_NAMES)}")
+    if len(content.get("categories", [])) > 1:
+        raise ValueError(f"{path}: {len(content['categories'])} categories, expected one")
+    pictures: dict[Any, tuple[str, tuple[int, int]]] = {}
+    boats: dict[str, list[Labels]] = {}
+    for number, image in enumerate(images):
+        with faults.catch():
+            try:
+                name, size_px = str(image["file_name"]), (int(image["width"]), int(image["height"]))
+                pictures[image["id"]] = (name, size_px)
+            except (KeyError, TypeError, ValueError):
+                expected = "id, file_name, width and height"
+                raise ValueError(f"{path}: images[{number}] is {image}, expected {expected}") from None
+            if name in boats:
+                raise ValueError(f"{path}: images[{number}] is a second {name}")
+            boats[name] = []
+    for number, annotation in enumerate(annotations):
+        with faults.catch():
+            try:
+                missing = {"image_id", "bbox", "keypoints"} - set(annotation)
+                if missing:
+                    raise ValueError(f"no {' and no '.join(sorted(missing))}")
+                if annotation["image_id"] not in pictures:
+                    raise ValueError(f"image_id is {annotation['image_id']}, expected the id of one of 'images'")
+                name, size_px = pictures[annotation["image_id"]]
+                boats[name].append(_parse(annotation, size_px))
+            except (TypeError, ValueError) as error:
+                raise ValueError(f"{path}: annotations[{number}]: {error}") from None
+    return {name: (Labels.of(boats[name]), size_px) for name, size_px in pictures.values()}
+
+
+def _parse(annotation: dict[str, Any], size_px: tuple[int, int]) -> Labels:
+    """Turn one annotation into the labels of one boat."""
+    if annotation.get("iscrowd"):
+        raise ValueError("iscrowd is set, expected single boats")
+    box, values = np.array(annotation["bbox"], float), np.array(annotation["keypoints"], float)
+    if box.shape != (4,):
+        raise ValueError(f"bbox of {box.size} numbers, expected x, y, width, height")
+    if values.shape != (3 * NUM_KEYPOINTS,):
+        raise ValueError(f"{values.size} keypoint values ({values.size / 3:g} keypoints), expected {3 * NUM_KEYPOINTS}")
+    points = values.reshape(NUM_KEYPOINTS, 3)
+    if not (np.isfinite(box).all() and np.isfinite(values).all()):
+        raise ValueError("a coordinate is not finite")
+    if (box[2:] <= 0).any():
+        raise ValueError(f"bbox of width {box[2]:g} and height {box[3]:g}, expected both above 0")
+    if not np.isin(points[:, 2], (0, 1, 2)).all():
+        raise ValueError(f"visibilities {points[:, 2].tolist()}, expected 0, 1 or 2")
+    seen = points[points[:, 2] > 0, :2]
+    if (seen < -1).any() or (seen > np.array(size_px) + 1).any():
+        raise ValueError(f"a keypoint lies outside the picture of {size_px[0]} x {size_px[1]}")
+    corners = np.concatenate((box[:2], box[:2] + box[2:])) - 0.5
+    return Labels(corners[None], points[None, :, :2] - 0.5, points[None, :, 2].astype(np.int64))
+
+
+def write_coco(frames: Iterable[Frame], path: Path) -> None:
+    """Write the labels of frames as one COCO file: the inverse of :func:`read_coco`.
+
+    Raises:
+        ValueError: a coordinate is not finite, which JSON cannot say.
+    """
+    category = {"id": 1, "name": "usv", "supercategory": "boat", "keypoints": list(KEYPOINT_NAMES), "skeleton": []}
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
+    for frame in frames:
+        width, height = frame.size_px
+        images.append({"id": len(images) + 1, "file_name": frame.name, "width": width, "height": height})
+        for box, points, visibility in zip(*frame.labels):
+            low, extent = box[:2] + 0.5, box[2:] - box[:2]
+            triples = [[u + 0.5, v + 0.5, int(seen)] for (u, v), seen in zip(points.tolist(), visibility)]
+            if not math.isfinite(float(np.sum(box) + np.sum(points))):
+                raise ValueError(f"a label of {frame.name} is not finite, it cannot be written")
+            annotations.append(
+                {
+                    "id": len(annotations) + 1,
+                    "image_id": len(images),
+                    "category_id": 1,
+                    "iscrowd": 0,
+                    "bbox": [*low.tolist(), *extent.tolist()],
+                    "area": float(extent.prod()),
+                    "keypoints": [number for triple in triples for number in triple],
+                    "num_keypoints": int((visibility > 0).sum()),
+                }
+            )
+    with atomic_write(path) as temporary:
+        temporary.write_text(json.dumps({"images": images, "annotations": annotations, "categories": [category]}))

@@ -1,0 +1,144 @@
+"""Ultralytics YOLO-pose: ``data.yaml`` and one text file of boats per picture.
+
+A line is ``class cx cy w h`` and seven times ``x y v``, divided by the picture's width and height. YOLO counts pixel i
+as [i, i + 1), we call its centre i: u = width * x - 0.5, for keypoints and for the corners of boxes alike.
+"""
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from usvnet.data.records import SPLITS, Faults, Frame, Labels
+from usvnet.files import atomic_write
+from usvnet.types import FLIP_INDEX, KEYPOINT_NAMES, NUM_KEYPOINTS
+
+TOLERANCE = 1e-3
+"""How far a normalised coordinate may lie outside [0, 1]: rounding, not a mistake."""
+VALUES_A_LINE = 5 + 3 * NUM_KEYPOINTS
+
+
+def read_data_yaml(path: Path) -> dict[str, str]:
+    """Read where each split lies, relative to data.yaml: a folder below ``images/`` or a COCO file ``*.json``.
+
+    Keys that have no meaning here (``path``, ``nc``, ...) are left alone.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: a key is missing or says that keypoints, their order or the classes are not ours.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file, expected a dataset folder with a data.yaml")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(content, dict):
+        raise ValueError(f"{path}: expected keys and values such as 'train: images/train'")
+    expected: dict[str, object] = {"kpt_shape": [NUM_KEYPOINTS, 3]}
+    if "flip_idx" in content:
+        expected["flip_idx"] = list(FLIP_INDEX)
+    if "kpt_names" in content:
+        expected["kpt_names"] = {0: list(KEYPOINT_NAMES)}
+    for key, value in expected.items():
+        if content.get(key) != value:
+            raise ValueError(f"{path}: {key} is {content.get(key)}, expected {value}")
+    names = content.get("names")
+    if not isinstance(names, dict | list) or len(names) != 1:
+        raise ValueError(f"{path}: names is {names}, expected one class, for instance {{0: usv}}")
+    splits = {split: content[split] for split in SPLITS if content.get(split) is not None}
+    for split, place in splits.items():
+        if not isinstance(place, str) or not (place.endswith(".json") or Path(place).parts[:1] == ("images",)):
+            raise ValueError(f"{path}: {split} is {place}, expected a folder below images/ or a COCO file *.json")
+    return splits
+
+
+def write_data_yaml(path: Path, splits: dict[str, str]) -> None:
+    """Write the data.yaml that :func:`read_data_yaml` and Ultralytics read."""
+    content = {
+        **splits,
+        "names": {0: "usv"},
+        "kpt_shape": [NUM_KEYPOINTS, 3],
+        "flip_idx": list(FLIP_INDEX),
+        "kpt_names": {0: list(KEYPOINT_NAMES)},
+    }
+    with atomic_write(path) as temporary:
+        temporary.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None), encoding="utf-8")
+
+
+def parse_line(line: str, size_px: tuple[int, int]) -> Labels:
+    """Turn one line into the labels of one boat.
+
+    Raises:
+        ValueError: without the file's name, which the caller knows.
+    """
+    words = line.split()
+    if len(words) != VALUES_A_LINE:
+        keypoints = (len(words) - 5) / 3
+        found = f"{keypoints:.0f} keypoints" if keypoints >= 0 and keypoints.is_integer() else "a broken row"
+        raise ValueError(f"{len(words)} values ({found}), expected {VALUES_A_LINE} ({NUM_KEYPOINTS} keypoints)")
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError:
+        raise ValueError(f"'{' '.join(words)}' holds something that is not a number") from None
+    if not np.isfinite(values).all():
+        column = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise ValueError(f"value {column + 1} is {words[column]}, expected a finite number")
+    if values[0] != 0:
+        raise ValueError(f"class {words[0]}, expected 0 (the only class)")
+    points = values[5:].reshape(NUM_KEYPOINTS, 3)
+    visibility = points[:, 2]
+    for name, value in zip(KEYPOINT_NAMES, visibility):
+        if value not in (0, 1, 2):
+            raise ValueError(f"visibility of {name} is {value:g}, expected 0, 1 or 2")
+    centre, extent = values[1:3], values[3:5]
+    if (extent <= 0).any():
+        raise ValueError(f"box of width {words[3]} and height {words[4]}, expected both above 0")
+    for what, pair in [("box centre", centre), ("box size", extent), *zip(KEYPOINT_NAMES, points[:, :2])]:
+        labelled = what not in KEYPOINT_NAMES or visibility[KEYPOINT_NAMES.index(what)] > 0
+        if labelled and (np.abs(pair - 0.5) > 0.5 + TOLERANCE).any():
+            raise ValueError(f"{what} at ({pair[0]:g}, {pair[1]:g}), expected 0 to 1 of the picture")
+    size = np.array(size_px, float)
+    corners = np.concatenate((centre - extent / 2, centre + extent / 2)) * np.tile(size, 2) - 0.5
+    return Labels(corners[None], (points[:, :2] * size - 0.5)[None], visibility.astype(np.int64)[None])
+
+
+def read_label(path: Path, size_px: tuple[int, int], faults: Faults) -> Labels:
+    """Read the boats of one picture; a missing or empty file is a picture without boats.
+
+    Raises:
+        ValueError: naming file and line (or noted in ``faults``).
+    """
+    boats: list[Labels] = []
+    if path.is_file():
+        for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+            if line.strip():
+                with faults.catch():
+                    try:
+                        boats.append(parse_line(line, size_px))
+                    except ValueError as error:
+                        raise ValueError(f"{path}:{number}: {error}") from None
+    return Labels.of(boats)
+
+
+def format_line(boat: Labels, size_px: tuple[int, int]) -> str:
+    """Write the labels of one boat as a line: the inverse of :func:`parse_line`, to 1e-9 of the picture."""
+    size = np.array(size_px, float)
+    low, high = (boat.boxes_px[0].reshape(2, 2) + 0.5) / size
+    words = ["0", *(f"{value:.9f}" for value in (*((low + high) / 2), *(high - low)))]
+    for point, visibility in zip((boat.keypoints_px[0] + 0.5) / size, boat.visibility[0]):
+        words += [f"{point[0]:.9f}", f"{point[1]:.9f}", str(int(visibility))]
+    if any(not math.isfinite(float(word)) for word in words):
+        raise ValueError(f"a label to be written is not finite: {' '.join(words)}")
+    return " ".join(words)
+
+
+def write_yolo(frames: Iterable[Frame], folder: Path) -> None:
+    """Write ``folder/<name>.txt`` for each frame, an empty file for a frame without boats."""
+    for frame in frames:
+        labels = frame.labels
+        boats = [Labels(*(column[i : i + 1] for column in labels)) for i in range(len(labels.boxes_px))]
+        with atomic_write((folder / frame.name).with_suffix(".txt")) as temporary:
+            temporary.write_text("".join(format_line(boat, frame.size_px) + "\n" for boat in boats), encoding="utf-8")

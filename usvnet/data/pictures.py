@@ -1,0 +1,76 @@
+"""Decoding photographs, refusing damaged ones, and keeping them in memory between epochs."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Picture = NDArray[np.uint8]
+"""(H, W, 3) RGB."""
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+
+
+def read_picture(path: Path) -> Picture:
+    """Decode a picture to RGB, ignoring any EXIF rotation: the camera was calibrated on the pixels as stored.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: the file is damaged or cut short.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such picture")
+    data = path.read_bytes()
+    # older versions of OpenCV fill the missing part of a JPEG that was cut short with grey and say nothing
+    if data[:2] == b"\xff\xd8" and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
+        raise ValueError(f"{path}: corrupt JPEG, it ends before its end-of-image marker ({len(data)} bytes)")
+    flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
+    except cv2.error:
+        picture = None
+    if picture is None:
+        raise ValueError(f"{path}: corrupt picture, OpenCV cannot decode its {len(data)} bytes")
+    return picture.astype(np.uint8, copy=False)
+
+
+class PictureCache:
+    """Decoded pictures, kept until a budget of memory is used up.
+
+    A picture is kept with its longer side at most ``longest_px``: a 12-megapixel photograph for a network that sees
+    640 pixels would waste memory and time. A worker process that is forked shares what was read before the fork; one
+    that is spawned starts empty.
+    """
+
+    def __init__(self, budget_mb: int, longest_px: int) -> None:
+        """Keep at most ``budget_mb`` of 2**20 bytes."""
+        self.left_bytes = budget_mb * 2**20
+        self.longest_px = longest_px
+        self.kept: dict[Path, Picture] = {}
+
+    def read(self, path: Path, size_px: tuple[int, int]) -> Picture:
+        """Read a picture, shrunk if it is larger than ``longest_px``.
+
+        Raises:
+            ValueError: damaged, or not of the camera's ``size_px`` (width, height).
+        """
+        if path in self.kept:
+            return self.kept[path]
+        picture = read_picture(path)
+        height, width = picture.shape[:2]
+        if (width, height) != size_px:
+            expected = f"{size_px[0]} x {size_px[1]} as its camera"
+            raise ValueError(f"{path}: picture of {width} x {height}, expected {expected}")
+        scale = self.longest_px / max(width, height)
+        if scale < 1:
+            shrunk_px = (max(1, round(width * scale)), max(1, round(height * scale)))
+            picture = cv2.resize(picture, shrunk_px, interpolation=cv2.INTER_AREA)
+        if picture.nbytes <= self.left_bytes:
+            self.left_bytes -= picture.nbytes
+            self.kept[path] = picture
+        return picture
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave the pictures behind when copied to another process."""
+        return {**self.__dict__, "kept": {}, "left_bytes": self.left_bytes + sum(p.nbytes for p in self.kept.values())}

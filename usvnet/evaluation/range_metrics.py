@@ -1,0 +1,168 @@
+"""How true the ranges are, by scene and by distance, and whether their stated uncertainty can be believed.
+
+The reference is the laser's reading, slant, in metres; an error is estimate - reading. RMSE is the square root of
+MSE (the paper's printed formula forgets the square; its tables do not). A boat that was not found, or whose estimate
+is not valid, is counted as missed and never dropped silently: read ``missed`` beside every other figure.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from usvnet.evaluation.records import (
+    ESTIMATORS,
+    RANGE_CONFIDENCE,
+    BoatRecord,
+    TruthRecord,
+    match_boats,
+)
+
+SCENES = ("I", "II", "III", "IV", "V", "VI")
+DISTANCE_EDGES_M = (0.0, 5.0, 10.0, 15.0, 25.0, 50.0, math.inf)
+Z_68, Z_90 = 0.994457883, 1.644853627
+"""Half-widths of the central 68 % and 90 % of a Gaussian, in standard deviations."""
+
+
+@dataclass(frozen=True)
+class RangeErrors:
+    """Errors of one estimator on a set of laser-ranged boats; nan where none was ranged (n = 0)."""
+
+    n: int
+    """Boats that were ranged; every figure below is over these."""
+    missed: int
+    """Boats without a detection above the confidence, or without a valid range."""
+    mse_m2: float
+    rmse_m: float
+    mae_m: float
+    median_relative_error: float
+    """Median of |error| / reading."""
+    bias_m: float
+    """Mean error: positive when boats are placed too far away."""
+    coverage_68: float
+    """Share of readings inside the estimate's central 68 % interval; 0.68 when the uncertainty is honest."""
+    coverage_90: float
+    width_68_m: float
+    """Mean width of that interval."""
+    width_90_m: float
+
+
+@dataclass(frozen=True)
+class RangedBoat:
+    """A laser-ranged boat and what was predicted for it."""
+
+    picture: int
+    truth: TruthRecord
+    boat: BoatRecord | None
+    """None where it was missed."""
+
+
+@dataclass(frozen=True)
+class RangeScores:
+    """Errors by estimator name, over everything and in groups; a group without a ranged boat is left out."""
+
+    overall: dict[str, RangeErrors]
+    by_scene: dict[str, dict[str, RangeErrors]]
+    """Scene tag -> estimator -> errors, in the paper's order of scenes."""
+    by_distance: dict[str, dict[str, RangeErrors]]
+    """Bin such as ``"5-10 m"`` -> estimator -> errors, near to far."""
+
+
+def score_range(
+    records: Sequence[Sequence[BoatRecord]],
+    truths: Sequence[Sequence[TruthRecord]],
+    confidence: float = RANGE_CONFIDENCE,
+) -> RangeScores:
+    """Compare every estimator of every boat with a laser reading.
+
+    Args:
+        records: predicted boats of each picture.
+        truths: labelled boats of the same pictures; those with ``range_m`` above 0 are scored.
+        confidence: score below which a prediction does not count.
+
+    Raises:
+        ValueError: the two have different lengths.
+    """
+    ranged = ranged_boats(records, truths, confidence)
+    scenes = {boat.truth.scene for boat in ranged} - {None}
+    in_order = sorted(scenes, key=lambda scene: (SCENES.index(scene) if scene in SCENES else len(SCENES), str(scene)))
+    return RangeScores(
+        overall=_by_estimator(ranged),
+        by_scene=_grouped(ranged, [str(scene) for scene in in_order], lambda truth: str(truth.scene)),
+        by_distance=_grouped(ranged, DISTANCE_BINS, lambda truth: distance_bin(truth.range_m)),
+    )
+
+
+def ranged_boats(
+    records: Sequence[Sequence[BoatRecord]],
+    truths: Sequence[Sequence[TruthRecord]],
+    confidence: float = RANGE_CONFIDENCE,
+) -> list[RangedBoat]:
+    """List the boats that carry a laser reading with what was predicted for each.
+
+    Raises:
+        ValueError: the two have different lengths.
+    """
+    if len(records) != len(truths):
+        raise ValueError(f"predictions of {len(records)} pictures cannot be scored on labels of {len(truths)}")
+    return [
+        RangedBoat(picture, truth, boat)
+        for picture, (boats, labelled) in enumerate(zip(records, truths))
+        for truth, boat in zip(labelled, match_boats(boats, labelled, confidence))
+        if truth.range_m > 0
+    ]
+
+
+def distance_bin(range_m: float) -> str:
+    """Name the distance bin of a reading: ``"5-10 m"`` holds 5 m and not 10 m."""
+    return DISTANCE_BINS[int(np.searchsorted(DISTANCE_EDGES_M, range_m, side="right")) - 1]
+
+
+def range_errors(ranged: Iterable[RangedBoat], estimator: str) -> RangeErrors:
+    """Score one estimator on a set of laser-ranged boats."""
+    rows, missed = [], 0
+    for item in ranged:
+        estimate = None if item.boat is None else item.boat.ranges[estimator]
+        if estimate is None or not estimate.usable:
+            missed += 1
+        else:
+            rows.append((estimate.slant_m, estimate.slant_std_m, item.truth.range_m))
+    if not rows:
+        return RangeErrors(0, missed, *[float("nan")] * 9)
+    slant_m, std_m, reading_m = np.array(rows).T
+    error_m = slant_m - reading_m
+    mse_m2 = float(np.mean(error_m**2))
+    return RangeErrors(
+        n=len(rows),
+        missed=missed,
+        mse_m2=mse_m2,
+        rmse_m=math.sqrt(mse_m2),
+        mae_m=float(np.mean(np.abs(error_m))),
+        median_relative_error=float(np.median(np.abs(error_m) / reading_m)),
+        bias_m=float(np.mean(error_m)),
+        coverage_68=float(np.mean(np.abs(error_m) <= Z_68 * std_m)),
+        coverage_90=float(np.mean(np.abs(error_m) <= Z_90 * std_m)),
+        width_68_m=float(np.mean(2 * Z_68 * std_m)),
+        width_90_m=float(np.mean(2 * Z_90 * std_m)),
+    )
+
+
+def _bin_names() -> tuple[str, ...]:
+    edges = itertools.pairwise(DISTANCE_EDGES_M)
+    return tuple(f"{low:g}-{high:g} m" if math.isfinite(high) else f"{low:g}+ m" for low, high in edges)
+
+
+DISTANCE_BINS = _bin_names()
+
+
+def _by_estimator(ranged: Sequence[RangedBoat]) -> dict[str, RangeErrors]:
+    return {estimator: range_errors(ranged, estimator) for estimator in ESTIMATORS}
+
+
+def _grouped(
+    ranged: Sequence[RangedBoat], groups: Iterable[str], group_of: Callable[[TruthRecord], str]
+) -> dict[str, dict[str, RangeErrors]]:
+    members = {group: [boat for boat in ranged if group_of(boat.truth) == group] for group in groups}
+    return {group: _by_estimator(boats) for group, boats in members.items() if boats}

@@ -1,0 +1,207 @@
+"""One boat as plain arrays: what was predicted, what was labelled, and which belongs to which.
+
+The metrics, the predictions file and the drawings all speak in these records, so that the same score comes out of a
+batch in memory (validation while training) and of a file read back a month later. Pixels are those of the batch, or
+of the native picture where a letterbox matrix is given.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from usvnet.types import NEAREST_WATERLINE, Boats, Prediction, RangeEstimate
+
+FloatArray = NDArray[np.float64]
+
+ESTIMATORS = tuple(name for name, hint in get_type_hints(Prediction).items() if hint is RangeEstimate)
+"""The range estimators in the order of :class:`usvnet.types.Prediction`; a new one there is scored here by itself."""
+
+RANGE_CONFIDENCE = 0.25
+"""Score that a boat needs before it ranges a picture."""
+
+
+@dataclass(frozen=True, eq=False)
+class RangeRecord:
+    """One :class:`usvnet.types.RangeEstimate` of one boat."""
+
+    slant_m: float
+    slant_std_m: float
+    horizontal_m: float
+    bearing_rad: float
+    position_m: FloatArray
+    """(3,) in the level frame."""
+    valid: bool
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a finite range to compare; anything else counts as a miss."""
+        return self.valid and math.isfinite(self.slant_m)
+
+
+@dataclass(frozen=True, eq=False)
+class BoatRecord:
+    """A predicted boat."""
+
+    box_px: FloatArray
+    """(4,) x1, y1, x2, y2."""
+    score: float
+    keypoints_px: FloatArray
+    """(7, 2)"""
+    keypoint_covariance_px2: FloatArray
+    """(7, 2, 2)"""
+    visibility: FloatArray
+    """(7,) probability that the keypoint is seen."""
+    ranges: dict[str, RangeRecord]
+    """By estimator name."""
+
+
+@dataclass(frozen=True, eq=False)
+class TruthRecord:
+    """A labelled boat."""
+
+    box_px: FloatArray
+    """(4,) x1, y1, x2, y2."""
+    keypoints_px: FloatArray
+    """(7, 2)"""
+    visibility: NDArray[np.int64]
+    """(7,) 0 outside or unlabelled, 1 hidden, 2 seen."""
+    range_m: float = 0.0
+    """Slant range read by the laser, 0 where there is none."""
+    range_std_m: float = 0.0
+    """Standard deviation of that reading."""
+    reference: int = NEAREST_WATERLINE
+    """The keypoint that the range belongs to."""
+    scene: str | None = None
+    """Scene tag such as ``"IV"``."""
+
+
+def to_records(prediction: Prediction, letterbox: Tensor | None = None) -> list[list[BoatRecord]]:
+    """Take a batch apart into its boats, best first.
+
+    Args:
+        prediction: of B pictures, on any device.
+        letterbox: (B, 3, 3) matrices that took native pixels to the batch's (positive scale and translation, as
+            ``usvnet.geometry.camera.letterbox_matrix`` makes them); the records are then in native pixels. Ranges do
+            not depend on it.
+
+    Returns:
+        B lists of boats; padding is left out.
+    """
+    boxes, scores, keypoints = _numpy(prediction.boxes_px), _numpy(prediction.scores), _numpy(prediction.keypoints_px)
+    covariance, visibility = _numpy(prediction.keypoint_covariance_px2), _numpy(prediction.visibility)
+    ranges = {name: _range_arrays(getattr(prediction, name)) for name in ESTIMATORS}
+    pictures = []
+    for b, present in enumerate(prediction.present.cpu().numpy()):
+        inverse = _inverse(letterbox, b)
+        pictures.append(
+            [
+                BoatRecord(
+                    box_px=_map_points(boxes[b, n].reshape(2, 2), inverse).reshape(4),
+                    score=float(scores[b, n]),
+                    keypoints_px=_map_points(keypoints[b, n], inverse),
+                    keypoint_covariance_px2=_map_covariance(covariance[b, n], inverse),
+                    visibility=visibility[b, n],
+                    ranges={name: _range_record(arrays, b, int(n)) for name, arrays in ranges.items()},
+                )
+                for n in sorted(np.flatnonzero(present), key=lambda n: -scores[b, n])
+            ]
+        )
+    return pictures
+
+
+def to_truths(
+    boats: Boats, scenes: Sequence[str | None] | None = None, letterbox: Tensor | None = None
+) -> list[list[TruthRecord]]:
+    """Take the labels of a batch apart into its boats; ``scenes`` has one tag a picture, ``letterbox`` as above."""
+    boxes, keypoints = _numpy(boats.boxes_px), _numpy(boats.keypoints_px)
+    visibility, reference = boats.visibility.cpu().numpy(), boats.reference.cpu().numpy()
+    ranges, range_stds = _numpy(boats.range_m), _numpy(boats.range_std_m)
+    pictures = []
+    for b, present in enumerate(boats.present.cpu().numpy()):
+        inverse = _inverse(letterbox, b)
+        pictures.append(
+            [
+                TruthRecord(
+                    box_px=_map_points(boxes[b, n].reshape(2, 2), inverse).reshape(4),
+                    keypoints_px=_map_points(keypoints[b, n], inverse),
+                    visibility=visibility[b, n].astype(np.int64),
+                    range_m=float(ranges[b, n]),
+                    range_std_m=float(range_stds[b, n]),
+                    reference=int(reference[b, n]),
+                    scene=None if scenes is None else scenes[b],
+                )
+                for n in np.flatnonzero(present)
+            ]
+        )
+    return pictures
+
+
+def match_boats(
+    boats: Sequence[BoatRecord], truths: Sequence[TruthRecord], confidence: float = RANGE_CONFIDENCE
+) -> list[BoatRecord | None]:
+    """Find the predicted boat of each labelled one in one picture; None where it was missed.
+
+    A picture with a single labelled boat takes the best-scoring prediction, wherever it lies (a box on a buoy is an
+    error, not a miss). With several, the predictions go by descending score and each takes the labelled boat that it
+    overlaps most among those still free. Predictions scoring below ``confidence`` never count.
+    """
+    candidates = sorted((boat for boat in boats if boat.score >= confidence), key=lambda boat: -boat.score)
+    matches: list[BoatRecord | None] = [None] * len(truths)
+    if len(truths) == 1:
+        return [candidates[0] if candidates else None]
+    for boat in candidates:
+        overlaps = [
+            0.0 if taken is not None else box_iou(boat.box_px, truth.box_px) for truth, taken in zip(truths, matches)
+        ]
+        if overlaps and max(overlaps) > 0:
+            matches[int(np.argmax(overlaps))] = boat
+    return matches
+
+
+def box_iou(first_px: FloatArray, second_px: FloatArray) -> float:
+    """Intersection over union of two (4,) boxes; 0 where either is empty."""
+    low, high = np.maximum(first_px[:2], second_px[:2]), np.minimum(first_px[2:], second_px[2:])
+    intersection = np.prod(np.maximum(high - low, 0))
+    union = box_area(first_px) + box_area(second_px) - intersection
+    return float(intersection / union) if union > 0 else 0.0
+
+
+def box_area(box_px: FloatArray) -> float:
+    """Area in px^2 of a (4,) box."""
+    return float(np.prod(np.maximum(box_px[2:] - box_px[:2], 0)))
+
+
+def _numpy(tensor: Tensor) -> FloatArray:
+    return tensor.detach().cpu().double().numpy()
+
+
+def _inverse(letterbox: Tensor | None, b: int) -> FloatArray | None:
+    return None if letterbox is None else np.asarray(np.linalg.inv(_numpy(letterbox[b])), np.float64)
+
+
+def _map_points(points_px: FloatArray, matrix: FloatArray | None) -> FloatArray:
+    return points_px if matrix is None else points_px @ matrix[:2, :2].T + matrix[:2, 2]
+
+
+def _map_covariance(covariance_px2: FloatArray, matrix: FloatArray | None) -> FloatArray:
+    return covariance_px2 if matrix is None else matrix[:2, :2] @ covariance_px2 @ matrix[:2, :2].T
+
+
+def _range_arrays(estimate: RangeEstimate) -> dict[str, FloatArray]:
+    return {name: _numpy(tensor) for name, tensor in estimate._asdict().items()}
+
+
+def _range_record(arrays: dict[str, FloatArray], b: int, n: int) -> RangeRecord:
+    return RangeRecord(
+        slant_m=float(arrays["slant_m"][b, n]),
+        slant_std_m=float(arrays["slant_std_m"][b, n]),
+        horizontal_m=float(arrays["horizontal_m"][b, n]),
+        bearing_rad=float(arrays["bearing_rad"][b, n]),
+        position_m=arrays["position_m"][b, n],
+        valid=bool(arrays["valid"][b, n]),
+    )

@@ -1,0 +1,1 @@
+"""Cameras, water and the ranges between them."""

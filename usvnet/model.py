@@ -1,0 +1,77 @@
+"""The whole method in one differentiable module: image -> network -> heatmaps -> keypoints -> camera -> range."""
+
+from torch import Tensor, nn
+
+from usvnet.geometry.ranging import RangingLayer
+from usvnet.heatmap import decode
+from usvnet.network.nms import select_boats
+from usvnet.network.variants import build_network
+from usvnet.types import Camera, Prediction
+
+
+class USVNet(nn.Module):
+    """How far away is every boat in the picture, and how sure are we?
+
+    Every step is differentiable, so an error in a laser-measured range reaches the first convolution. Training calls
+    the same three steps (:attr:`network`, :meth:`locate`, :attr:`ranging`) at the labelled boats' own anchors.
+
+    Args:
+        variant: size of the network, one of n, s, m, l, x.
+        max_boats: N, boats reported a picture.
+        score_threshold: lowest score reported.
+        iou_threshold: boxes overlapping a better one by more than this are dropped (the paper's Table 1: 0.7).
+        curved_water: range on the curved Earth with refraction, for long range.
+    """
+
+    def __init__(
+        self,
+        variant: str = "n",
+        max_boats: int = 20,
+        score_threshold: float = 0.001,
+        iou_threshold: float = 0.7,
+        curved_water: bool = False,
+    ):
+        super().__init__()
+        self.variant = variant
+        self.max_boats = max_boats
+        self.score_threshold = score_threshold
+        self.iou_threshold = iou_threshold
+        self.network = build_network(variant)
+        self.ranging = RangingLayer(curved_water)
+
+    def forward(self, image: Tensor, camera: Camera) -> Prediction:
+        """Find and range the boats.
+
+        Args:
+            image: (B, 3, H, W) RGB in [0, 1]; H and W multiples of 32.
+            camera: the B cameras of these very pictures (see :func:`usvnet.geometry.camera.letterbox_camera`).
+
+        Returns:
+            Up to N boats a picture, best first.
+        """
+        output = self.network(image)
+        boats = select_boats(output, self.max_boats, self.score_threshold, self.iou_threshold)
+        keypoints_px, covariance_px2 = self.locate(output.heatmap_logits, boats.keypoints_px)
+        box_bottom, waterline = self.ranging(keypoints_px, covariance_px2, boats.boxes_px, camera)
+        return Prediction(
+            boxes_px=boats.boxes_px,
+            scores=boats.scores,
+            keypoints_px=keypoints_px,
+            keypoint_covariance_px2=covariance_px2,
+            visibility=boats.visibility,
+            present=boats.present,
+            box_bottom=box_bottom,
+            waterline=waterline,
+        )
+
+    def locate(self, heatmap_logits: Tensor, coarse_keypoints_px: Tensor) -> tuple[Tensor, Tensor]:
+        """Read the heatmaps around coarse keypoints.
+
+        Args:
+            heatmap_logits: (B, 7, H / 4, W / 4).
+            coarse_keypoints_px: (B, N, 7, 2).
+
+        Returns:
+            (B, N, 7, 2) keypoints in pixels and (B, N, 7, 2, 2) their covariance.
+        """
+        return decode(heatmap_logits, coarse_keypoints_px)

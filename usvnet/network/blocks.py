@@ -1,0 +1,151 @@
+"""The building blocks of YOLO11 (Jocher & Qiu 2024; Khanam & Hussain, arXiv:2410.17725), channels explicit.
+
+Every block keeps the height and width of its input, except :class:`Conv` with a stride.
+"""
+
+import torch
+from torch import Tensor, nn
+
+
+class Conv(nn.Module):
+    """Convolution, batch normalisation and SiLU, the atom of the whole network."""
+
+    def __init__(self, c_in: int, c_out: int, kernel: int = 1, stride: int = 1, groups: int = 1, act: bool = True):
+        super().__init__()
+        self.conv = nn.Conv2d(c_in, c_out, kernel, stride, kernel // 2, groups=groups, bias=False)
+        self.norm = nn.BatchNorm2d(c_out, eps=1e-3, momentum=0.03)
+        self.act = nn.SiLU(inplace=True) if act else nn.Identity()
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, c_in, H, W) -> (B, c_out, H / stride, W / stride)."""
+        return self.act(self.norm(self.conv(x)))
+
+
+class Bottleneck(nn.Module):
+    """Two 3 x 3 convolutions with an optional residual connection."""
+
+    def __init__(self, channels: int, hidden: int, residual: bool = True):
+        super().__init__()
+        self.conv1 = Conv(channels, hidden, 3)
+        self.conv2 = Conv(hidden, channels, 3)
+        self.residual = residual
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, C, H, W)."""
+        y = self.conv2(self.conv1(x))
+        return x + y if self.residual else y
+
+
+class C3k(nn.Module):
+    """Cross-stage-partial block: two bottlenecks on one half, the other half passed by."""
+
+    def __init__(self, channels: int, residual: bool = True):
+        super().__init__()
+        hidden = channels // 2
+        self.enter = Conv(channels, hidden)
+        self.bypass = Conv(channels, hidden)
+        self.bottlenecks = nn.Sequential(*(Bottleneck(hidden, hidden, residual) for _ in range(2)))
+        self.merge = Conv(2 * hidden, channels)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, C, H, W)."""
+        return self.merge(torch.cat([self.bottlenecks(self.enter(x)), self.bypass(x)], 1))
+
+
+class C3k2(nn.Module):
+    """Split in two, run one half through a chain of blocks, concatenate every stage of the chain.
+
+    Args:
+        c_in: channels in.
+        c_out: channels out.
+        repeats: blocks in the chain.
+        deep: blocks are :class:`C3k` instead of :class:`Bottleneck`.
+        expansion: hidden channels over ``c_out``.
+    """
+
+    def __init__(self, c_in: int, c_out: int, repeats: int, deep: bool, expansion: float = 0.5):
+        super().__init__()
+        hidden = int(c_out * expansion)
+        self.enter = Conv(c_in, 2 * hidden)
+        self.chain = nn.ModuleList(C3k(hidden) if deep else Bottleneck(hidden, hidden // 2) for _ in range(repeats))
+        self.merge = Conv((2 + repeats) * hidden, c_out)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, c_in, H, W) -> (B, c_out, H, W)."""
+        first, last = self.enter(x).chunk(2, 1)
+        stages = [first, last]
+        for block in self.chain:
+            last = block(last)
+            stages.append(last)
+        return self.merge(torch.cat(stages, 1))
+
+
+class SPPF(nn.Module):
+    """Spatial pyramid pooling, fast: three chained 5 x 5 max-pools see 5, 9 and 13 cells (He et al. 2015)."""
+
+    def __init__(self, channels: int):
+        super().__init__()
+        hidden = channels // 2
+        self.enter = Conv(channels, hidden)
+        self.pool = nn.MaxPool2d(5, stride=1, padding=2)
+        self.merge = Conv(4 * hidden, channels)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, C, H, W)."""
+        x = self.enter(x)
+        y1 = self.pool(x)
+        y2 = self.pool(y1)
+        return self.merge(torch.cat([x, y1, y2, self.pool(y2)], 1))
+
+
+class Attention(nn.Module):
+    """Multi-head self-attention over all cells, keys half as wide as values, positions by a depthwise convolution."""
+
+    def __init__(self, channels: int, heads: int):
+        super().__init__()
+        self.heads = heads
+        self.head_dim = channels // heads
+        self.key_dim = self.head_dim // 2
+        self.scale = self.key_dim**-0.5
+        self.qkv = Conv(channels, channels + 2 * heads * self.key_dim, act=False)
+        self.position = Conv(channels, channels, 3, groups=channels, act=False)
+        self.project = Conv(channels, channels, act=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, C, H, W)."""
+        b, c, h, w = x.shape
+        qkv = self.qkv(x).view(b, self.heads, 2 * self.key_dim + self.head_dim, h * w)
+        q, k, v = qkv.split([self.key_dim, self.key_dim, self.head_dim], 2)
+        weights = ((q.transpose(2, 3) @ k) * self.scale).softmax(-1)
+        y = (v @ weights.transpose(2, 3)).reshape(b, c, h, w)
+        return self.project(y + self.position(v.reshape(b, c, h, w)))
+
+
+class AttentionBlock(nn.Module):
+    """Attention and a two-layer feed-forward network, each with a residual connection."""
+
+    def __init__(self, channels: int):
+        super().__init__()
+        self.attention = Attention(channels, heads=channels // 64)
+        self.feed_forward = nn.Sequential(Conv(channels, 2 * channels), Conv(2 * channels, channels, act=False))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, C, H, W)."""
+        x = x + self.attention(x)
+        return x + self.feed_forward(x)
+
+
+class C2PSA(nn.Module):
+    """Half of the channels through attention blocks, the other half passed by."""
+
+    def __init__(self, channels: int, repeats: int):
+        super().__init__()
+        hidden = channels // 2
+        self.enter = Conv(channels, 2 * hidden)
+        self.blocks = nn.Sequential(*(AttentionBlock(hidden) for _ in range(repeats)))
+        self.merge = Conv(2 * hidden, channels)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) -> (B, C, H, W)."""
+        bypass, y = self.enter(x).chunk(2, 1)
+        return self.merge(torch.cat([bypass, self.blocks(y)], 1))

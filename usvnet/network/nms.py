@@ -1,0 +1,62 @@
+"""From the network's dense answer to a few boats: non-maximum suppression in plain torch."""
+
+import torch
+from torch import Tensor
+
+from usvnet.types import Detections, NetworkOutput
+
+
+def pairwise_iou(boxes_px: Tensor) -> Tensor:
+    """Intersection over union of every pair. (B, M, 4) -> (B, M, M)."""
+    top_left = torch.maximum(boxes_px[:, :, None, :2], boxes_px[:, None, :, :2])
+    bottom_right = torch.minimum(boxes_px[:, :, None, 2:], boxes_px[:, None, :, 2:])
+    overlap = (bottom_right - top_left).clamp(min=0).prod(-1)
+    area = (boxes_px[..., 2:] - boxes_px[..., :2]).clamp(min=0).prod(-1)
+    return overlap / (area[:, :, None] + area[:, None, :] - overlap).clamp(min=1e-9)
+
+
+def suppress(boxes_px: Tensor, iou_threshold: float) -> Tensor:
+    """Which boxes greedy suppression keeps. (B, M, 4), best first -> (B, M) bool.
+
+    A box falls if a *kept* better box overlaps it. Starting from "all kept", applying that rule until nothing changes
+    gives exactly the greedy answer, a whole batch at a time, in as many rounds as the longest chain of falls.
+    """
+    better_overlaps = (pairwise_iou(boxes_px) > iou_threshold).triu(1)
+    keep = torch.ones_like(better_overlaps[:, 0])
+    for _ in range(boxes_px.shape[1]):
+        survivors = ~(better_overlaps & keep[:, :, None]).any(1)
+        if torch.equal(survivors, keep):
+            break
+        keep = survivors
+    return keep
+
+
+def select_boats(
+    output: NetworkOutput, max_boats: int, score_threshold: float, iou_threshold: float, max_candidates: int = 128
+) -> Detections:
+    """The best boats of each picture, best first, padded with zeros to ``max_boats``.
+
+    Gradients reach the boxes and keypoints of the chosen boats; the choice itself has none.
+
+    Args:
+        output: dense answer for B pictures.
+        max_boats: N, boats kept a picture.
+        score_threshold: lowest score kept.
+        iou_threshold: overlap above which the lower-scored box falls.
+        max_candidates: boxes considered a picture, best first.
+    """
+    scores = output.class_logits.sigmoid().amax(-1)
+    scores, candidate = scores.topk(min(max_candidates, scores.shape[1]), dim=1)
+    batch = torch.arange(scores.shape[0], device=scores.device)[:, None]
+    keep = suppress(output.boxes_px[batch, candidate].detach(), iou_threshold) & (scores >= score_threshold)
+    # A stable sort brings the kept boats to the front without disturbing their order.
+    order = keep.logical_not().to(torch.int32).argsort(dim=1, stable=True)[:, :max_boats]
+    present = keep.gather(1, order)
+    chosen = candidate.gather(1, order)
+    return Detections(
+        boxes_px=output.boxes_px[batch, chosen] * present[..., None],
+        scores=scores.gather(1, order) * present,
+        keypoints_px=output.keypoints_px[batch, chosen] * present[..., None, None],
+        visibility=output.visibility_logits[batch, chosen].sigmoid() * present[..., None],
+        present=present,
+    )

@@ -1,0 +1,122 @@
+"""The command line of train.py: one configuration in YAML, any key of it overridable."""
+
+import logging
+import sys
+import warnings
+from pathlib import Path
+from typing import NoReturn
+
+from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
+from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.trainer.states import TrainerStatus
+
+from usvnet.callbacks import CHECKPOINT_FOLDER, run_callbacks
+from usvnet.checkpoints import check_variant, read_checkpoint
+from usvnet.data.datamodule import BoatDataModule
+from usvnet.training import USVModule
+
+TRAINER_DEFAULTS = {
+    "max_epochs": 100,
+    "gradient_clip_val": 10.0,
+    "num_sanity_val_steps": 0,
+    "log_every_n_steps": 10,
+    "enable_model_summary": False,
+}
+
+
+class OneLineParser(LightningArgumentParser):
+    """A parser that leaves the one line about a wrong key to :func:`usvnet.files.run_program`."""
+
+    def error(self, message: str, ex: Exception | None = None) -> NoReturn:
+        """Raise instead of printing the usage and leaving."""
+        raise ValueError(message) from ex
+
+
+class TrainingCLI(LightningCLI):
+    """Everything that a run needs, built from the command line: ``model``, ``datamodule``, ``trainer``.
+
+    Args:
+        args: the command line, or None for the one of this process.
+
+    Raises:
+        ValueError: an unknown key or a value that does not fit.
+    """
+
+    def __init__(self, args: list[str] | None = None) -> None:
+        quiet()
+        super().__init__(
+            USVModule,
+            BoatDataModule,
+            save_config_kwargs={"overwrite": True},
+            trainer_defaults=TRAINER_DEFAULTS,
+            seed_everything_default=0,
+            parser_class=OneLineParser,
+            parser_kwargs={"description": "Train usvnet. Continue a run with --resume or --ckpt_path."},
+            args=args,
+            run=False,
+            auto_configure_optimizers=False,
+        )
+
+    def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
+        """Add what belongs to the run as a whole."""
+        parser.add_argument("--run_dir", type=str, default="runs/default", help="folder of all results of the run")
+        parser.add_argument("--ckpt_path", type=str | None, default=None, help="checkpoint to continue from")
+        parser.add_argument("--resume", type=bool, default=False, help="continue from the run folder's last checkpoint")
+        parser.add_argument("--evaluate_after", type=bool, default=False, help="score the test split when trained")
+        parser.add_argument("--export_after", type=bool, default=False, help="write the TorchScript when trained")
+
+    def before_instantiate_classes(self) -> None:
+        """Put logs and checkpoints in the run folder."""
+        self.trainer_defaults = {**TRAINER_DEFAULTS, "callbacks": run_callbacks(self.config.run_dir)}
+
+    def instantiate_trainer(self, **kwargs: object) -> object:
+        """Build the trainer with its logger in the run folder."""
+        logger = TensorBoardLogger(self.config.run_dir, name="", version="")
+        return super().instantiate_trainer(logger=logger, **kwargs)
+
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of ``best.ckpt`` and ``last.ckpt``."""
+        return Path(self.config.run_dir) / CHECKPOINT_FOLDER
+
+    def start_checkpoint(self) -> Path | None:
+        """The checkpoint to continue from, None for a fresh start.
+
+        Raises:
+            FileNotFoundError: it does not exist.
+            ValueError: it is not one of ours, or of another size.
+        """
+        path = self.checkpoints / "last.ckpt" if self.config.resume else self.config.ckpt_path
+        if path is None:
+            return None
+        check_variant(path, read_checkpoint(path), self.model.model.variant)
+        return Path(path)
+
+    def fit(self) -> Path:
+        """Train to the end.
+
+        Returns:
+            The best checkpoint, or the last one where nothing was validated.
+
+        Raises:
+            KeyboardInterrupt: the user stopped the run; a line on stderr says how to go on.
+        """
+        start = self.start_checkpoint()
+        try:
+            self.trainer.fit(self.model, self.datamodule, ckpt_path=start, weights_only=True)
+        except SystemExit:  # Lightning's way out of Ctrl-C
+            if self.trainer.state.status != TrainerStatus.INTERRUPTED:
+                raise
+            last = self.checkpoints / "last.ckpt"
+            print(f"stopped; to continue, add: --ckpt_path {last}", file=sys.stderr)
+            raise KeyboardInterrupt from None
+        best = self.checkpoints / "best.ckpt"
+        return best if best.is_file() else self.checkpoints / "last.ckpt"
+
+
+def quiet() -> None:
+    """Silence what Lightning tells its developers and advertises to everybody."""
+    for name in ("lightning.pytorch", "lightning.fabric"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+    for message in (".*does not have many workers.*", ".*Checkpoint directory.*", ".*number of training batches.*"):
+        warnings.filterwarnings("ignore", message)

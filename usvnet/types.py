@@ -1,0 +1,176 @@
+"""The data that flows from a photograph to a range, and THE conventions of the whole package.
+
+Conventions
+-----------
+Pixel
+    u to the right, v down, the **centre of a pixel is an integer** (as in OpenCV and Kornia): a W x H picture
+    spans [-0.5, W - 0.5] x [-0.5, H - 0.5]. Boxes are (x1, y1, x2, y2) in the same coordinates.
+    Cell i of a map at stride s sits at s * i + (s - 1) / 2 (see :mod:`usvnet.heatmap`).
+Camera frame
+    x right, y down, z forward.
+Level frame
+    At the camera: X right, Y down (gravity), Z horizontal and forward.
+    p_level = Rx(pitch) Rz(roll) p_camera with Rz = [[c, -s, 0], [s, c, 0], [0, 0, 1]] and
+    Rx = [[1, 0, 0], [0, c, s], [0, -s, c]].
+    ``pitch_rad`` > 0: the optical axis points below the horizontal.
+    ``roll_rad`` > 0: the camera is turned clockwise as seen from behind it.
+Water
+    The plane Y = ``height_m``: the optical centre's height above mean water.
+Range
+    ``slant_m`` is the straight line from the optical centre to the point (what a laser reads);
+    ``horizontal_m`` is measured along the water. They are never mixed.
+Keypoints
+    In the order of :data:`KEYPOINT_NAMES`; left and right are the boat's port and starboard.
+    Visibility: 0 outside the picture or unlabelled, 1 hidden by the hull or an object, 2 seen.
+Units
+    Stand in the names: ``_px``, ``_px2``, ``_m``, ``_rad``. Files for people use degrees (``_deg``).
+
+Pitfalls: a label tool that says "pixel i covers [i, i + 1)" is half a pixel off (readers subtract it); resizing,
+cropping or flipping a picture without its camera changes every range (:mod:`usvnet.geometry.camera` moves both).
+
+Everything here is a NamedTuple of tensors, so that the whole chain scripts and exports. B is the number of
+pictures, N the number of boats (padded), A the number of anchors.
+"""
+
+from typing import NamedTuple
+
+from torch import Tensor
+
+KEYPOINT_NAMES = ("bow", "bow_left", "bow_right", "bow_bottom", "stern_left", "stern_right", "stern_bottom")
+NUM_KEYPOINTS = len(KEYPOINT_NAMES)
+FLIP_INDEX = (0, 2, 1, 3, 5, 4, 6)
+"""Where each keypoint comes from when a picture is mirrored."""
+WATERLINE_KEYPOINTS = (3, 6)
+"""bow_bottom and stern_bottom, the two keypoints that lie on the water."""
+NEAREST_WATERLINE = -1
+"""The default ``reference`` of a laser range: whichever waterline keypoint is nearer to the camera."""
+
+
+class Camera(NamedTuple):
+    """B calibrated and mounted cameras."""
+
+    K: Tensor
+    """(B, 3, 3) pinhole matrix, pixels."""
+    distortion: Tensor
+    """(B, 5) plumb-bob coefficients k1, k2, p1, p2, k3."""
+    size_px: Tensor
+    """(B, 2) width and height of the picture that K belongs to."""
+    height_m: Tensor
+    """(B,) optical centre above mean water."""
+    pitch_rad: Tensor
+    """(B,) optical axis below the horizontal."""
+    roll_rad: Tensor
+    """(B,) clockwise seen from behind."""
+    focal_std_px: Tensor
+    """(B,) standard deviation of the focal length (fx and fy together)."""
+    height_std_m: Tensor
+    """(B,)"""
+    pitch_std_rad: Tensor
+    """(B,)"""
+    roll_std_rad: Tensor
+    """(B,)"""
+
+
+class Boats(NamedTuple):
+    """The labelled boats of B pictures, padded to N."""
+
+    boxes_px: Tensor
+    """(B, N, 4)"""
+    keypoints_px: Tensor
+    """(B, N, 7, 2)"""
+    visibility: Tensor
+    """(B, N, 7) int64: 0, 1 or 2."""
+    present: Tensor
+    """(B, N) bool, False on padding."""
+    range_m: Tensor
+    """(B, N) slant range read by the laser, 0 where there is none."""
+    range_std_m: Tensor
+    """(B, N) standard deviation of that reading, 0 where there is none."""
+    reference: Tensor
+    """(B, N) int64: the keypoint that the range belongs to, or NEAREST_WATERLINE."""
+
+
+class Batch(NamedTuple):
+    """What the data loader hands to training and evaluation."""
+
+    image: Tensor
+    """(B, 3, H, W) float32 RGB in [0, 1]."""
+    camera: Camera
+    """The camera of each picture *as it is in the batch* (letterboxed, augmented)."""
+    boats: Boats
+    index: Tensor
+    """(B,) int64 position in the dataset."""
+
+
+class NetworkOutput(NamedTuple):
+    """The pose network's dense answer, before any choice of boats."""
+
+    boxes_px: Tensor
+    """(B, A, 4) decoded boxes."""
+    box_logits: Tensor
+    """(B, A, 4, R) distribution over R bins of each side's distance in strides (left, top, right, bottom)."""
+    class_logits: Tensor
+    """(B, A, C)"""
+    keypoints_px: Tensor
+    """(B, A, 7, 2) decoded coarse keypoints."""
+    visibility_logits: Tensor
+    """(B, A, 7)"""
+    heatmap_logits: Tensor
+    """(B, 7, H / 4, W / 4)"""
+    anchors_px: Tensor
+    """(A, 2) centre of each anchor's cell."""
+    strides_px: Tensor
+    """(A,) stride of each anchor."""
+
+
+class Detections(NamedTuple):
+    """The boats chosen by non-maximum suppression, best first, padded to N."""
+
+    boxes_px: Tensor
+    """(B, N, 4)"""
+    scores: Tensor
+    """(B, N), 0 on padding."""
+    keypoints_px: Tensor
+    """(B, N, 7, 2) coarse keypoints."""
+    visibility: Tensor
+    """(B, N, 7) probability that the keypoint is seen."""
+    present: Tensor
+    """(B, N) bool, False on padding."""
+
+
+class RangeEstimate(NamedTuple):
+    """How far, which way and how sure, by one estimator. The leading shape ``...`` is (B, N) in a prediction."""
+
+    slant_m: Tensor
+    """(...) straight line to the point; inf where not valid."""
+    slant_std_m: Tensor
+    """(...) one standard deviation, first order; inf where not valid."""
+    horizontal_m: Tensor
+    """(...) along the water; inf where not valid."""
+    bearing_rad: Tensor
+    """(...) clockwise from the optical axis seen from above."""
+    position_m: Tensor
+    """(..., 3) in the level frame; 0 where not valid."""
+    valid: Tensor
+    """(...) bool, False for a ray at or above the horizon."""
+
+
+class Prediction(NamedTuple):
+    """Everything usvnet says about B pictures: N boats each, best first, padded."""
+
+    boxes_px: Tensor
+    """(B, N, 4)"""
+    scores: Tensor
+    """(B, N), 0 on padding."""
+    keypoints_px: Tensor
+    """(B, N, 7, 2)"""
+    keypoint_covariance_px2: Tensor
+    """(B, N, 7, 2, 2)"""
+    visibility: Tensor
+    """(B, N, 7) probability that the keypoint is seen."""
+    present: Tensor
+    """(B, N) bool, False on padding."""
+    box_bottom: RangeEstimate
+    """The paper's baseline: the bottom centre of the box."""
+    waterline: RangeEstimate
+    """The paper's method: the waterline keypoint nearest to the camera."""
