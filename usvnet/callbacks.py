@@ -1,9 +1,20 @@
-"""What watches a training run: checkpoints, the curves and pictures of TensorBoard, and a line for the terminal."""
+"""What goes along with training: averaged weights, checkpoints, curves and pictures in TensorBoard, status lines."""
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
-from lightning.pytorch.callbacks import LearningRateMonitor, ModelCheckpoint
+from lightning.pytorch.callbacks import LearningRateMonitor, ModelCheckpoint, WeightAveraging
+from lightning.pytorch.loggers import TensorBoardLogger
+from torch import Tensor
+
+from usvnet.evaluation.records import RANGE_CONFIDENCE, BoatRecord, TruthRecord, match_boats, to_records, to_truths
+from usvnet.types import Batch
+from usvnet.visualize import BoatDrawing, Picture, draw_boats, range_label
 
 MONITOR = "val/strict_mAP50-95"
 """The score that chooses the best checkpoint."""
@@ -11,14 +22,49 @@ CHECKPOINT_FOLDER = "checkpoints"
 
 
 def run_callbacks(run_dir: Path | str) -> list[Callback]:
-    """Everything that a run in ``run_dir`` wants: ``checkpoints/{best,last}.ckpt``, learning rate, status lines."""
+    """Everything that a run in ``run_dir`` wants: ``checkpoints/{best,last}.ckpt``, learning rate, pictures, status."""
     folder = Path(run_dir) / CHECKPOINT_FOLDER
     return [
         ModelCheckpoint(folder, filename="best", monitor=MONITOR, mode="max", enable_version_counter=False),
         LastCheckpoint(folder),
         LearningRateMonitor(logging_interval="step"),
+        OverlayPictures(),
         StatusLine(),
     ]
+
+
+class MovingAverage(WeightAveraging):
+    """Exponential moving average of all weights and batch-norm statistics, updated after every optimiser step.
+
+    The decay rises with the number n of updates, decay * (1 - exp(-n / ramp_steps)), so that the average forgets the
+    random start. Validation sees the average, checkpoints carry it as their ``state_dict`` (the raw weights beside it,
+    for resuming), and it is what the module holds when training ends.
+
+    Args:
+        decay: share of the old average that one update keeps, once the ramp is over, in [0, 1).
+        ramp_steps: time constant of the ramp.
+
+    Raises:
+        ValueError: if the decay is outside [0, 1) or the ramp is not positive.
+    """
+
+    def __init__(self, decay: float, ramp_steps: float) -> None:
+        if not 0 <= decay < 1:
+            raise ValueError(f"ema_decay: got {decay}, expected a number in [0, 1)")
+        if ramp_steps <= 0:
+            raise ValueError(f"ema_ramp_steps: got {ramp_steps}, expected a number above 0")
+        self.decay = decay
+        self.ramp_steps = ramp_steps
+        super().__init__(multi_avg_fn=self.update)
+
+    @torch.no_grad()
+    def update(self, averages: Sequence[Tensor], currents: Sequence[Tensor], updates: Tensor | int) -> None:
+        """Move each average towards its current value in place; integers (counters) are copied."""
+        if averages[0].is_floating_point():
+            decay = self.decay * (1 - math.exp(-int(updates) / self.ramp_steps))
+            torch._foreach_lerp_(list(averages), list(currents), 1 - decay)
+        else:
+            torch._foreach_copy_(list(averages), list(currents))
 
 
 class LastCheckpoint(ModelCheckpoint):
@@ -33,6 +79,53 @@ class LastCheckpoint(ModelCheckpoint):
             trainer.save_checkpoint(Path(self.dirpath or ".") / "last.ckpt")
 
 
+class OverlayPictures(Callback):
+    """The first validation pictures in TensorBoard, with what was found on them and how far away it is.
+
+    Args:
+        pictures: how many at most.
+    """
+
+    def __init__(self, pictures: int = 8) -> None:
+        self.pictures = pictures
+
+    def on_validation_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Batch, batch_idx: int, *_: int
+    ) -> None:
+        """Draw on the first batch; ``outputs`` is what ``validation_step`` returned."""
+        if batch_idx > 0 or not trainer.is_global_zero or not isinstance(trainer.logger, TensorBoardLogger):
+            return
+        images = (batch.image[: self.pictures].permute(0, 2, 3, 1) * 255).round().byte().cpu().numpy()
+        for n, (image, boats, truths) in enumerate(
+            zip(images, to_records(outputs["prediction"]), to_truths(batch.boats))
+        ):
+            picture = draw_result(image, boats, truths)
+            trainer.logger.experiment.add_image(f"val/{n}", picture, trainer.global_step, dataformats="HWC")
+
+
+def draw_result(picture: Picture, boats: list[BoatRecord], truths: list[TruthRecord]) -> Picture:
+    """Draw the boats that score at least ``RANGE_CONFIDENCE`` with the ``waterline`` range, over the labels."""
+    matched = {id(boat): truth for boat, truth in zip(match_boats(boats, truths), truths) if boat is not None}
+    drawings = []
+    for boat in boats:
+        if boat.score < RANGE_CONFIDENCE:
+            continue
+        truth, estimate = matched.get(id(boat)), boat.ranges["waterline"]
+        labelled = None if truth is None else np.where(truth.visibility[:, None] > 0, truth.keypoints_px, np.nan)
+        laser_m = truth.range_m if truth is not None and truth.range_m > 0 else None
+        drawings.append(
+            BoatDrawing(
+                box_px=boat.box_px,
+                keypoints_px=boat.keypoints_px,
+                seen=boat.visibility > 0.5,
+                label=range_label(estimate.slant_m, estimate.slant_std_m, laser_m),
+                covariance_px2=boat.keypoint_covariance_px2,
+                truth_px=labelled,
+            )
+        )
+    return draw_boats(picture, drawings)
+
+
 class StatusLine(Callback):
     """One line in the terminal after each validation."""
 
@@ -43,7 +136,7 @@ class StatusLine(Callback):
         score = {name.removeprefix("val/"): float(value) for name, value in trainer.callback_metrics.items()}
         print(
             f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}"
-            f"  mAP50 {score['mAP50']:.3f}  mAP50-95 {score['mAP50-95']:.3f}"
+            f"  loss {score['loss']:.2f}  mAP50 {score['mAP50']:.3f}  mAP50-95 {score['mAP50-95']:.3f}"
             f"  strict {score['strict_mAP50-95']:.3f}  keypoints {score['keypoint_median_px']:.2f} px"
             f"  range RMSE {score['range_rmse_m']:.3f} m ({score['missed']:.0f} missed)",
             flush=True,

@@ -2,6 +2,7 @@
 
 import hashlib
 import pickle
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import torch
 from usvnet.model import USVNet
 
 STAMP = "usvnet"
-"""Key of what training writes beside the weights: ``{"variant": str, "curved_water": bool, "image_size": int | None}``."""
+"""Key of what training writes beside the weights: ``{"variant": str, "curved_water": bool}``."""
 MODEL_PREFIX = "model."
 """Where the weights of :class:`USVNet` stand in the ``state_dict`` of :class:`usvnet.training.USVModule`."""
 
@@ -26,8 +27,10 @@ def read_checkpoint(path: Path | str) -> dict[str, Any]:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such checkpoint file")
     try:
+        if not zipfile.is_zipfile(path):  # torch.load takes older formats too, and fails on them in many ways
+            raise pickle.UnpicklingError("not a zip archive")
         checkpoint = torch.load(path, map_location="cpu", weights_only=True)
-    except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
+    except (pickle.UnpicklingError, RuntimeError) as error:
         raise ValueError(f"{path}: got a file that is not a checkpoint, expected one written by train.py") from error
     if not isinstance(checkpoint, dict) or not {STAMP, "state_dict"} <= checkpoint.keys():
         raise ValueError(f"{path}: got a checkpoint of something else, expected one written by train.py")

@@ -115,7 +115,7 @@ def decode(
     window, cells = gather_windows(logits, centre.round().to(torch.int64), radius)
     probability = window.softmax(-1)[..., None]
     mean = (probability * cells).sum(-2)
-    mean = mean + _edge_correction(mean.detach(), limit, radius, sigma_cells)
+    mean = mean + _edge_correction(mean, limit, radius, sigma_cells)
     deviation = cells - mean[..., None, :]
     covariance = (probability * deviation).transpose(-1, -2) @ deviation
     identity = torch.eye(2, device=logits.device, dtype=logits.dtype)

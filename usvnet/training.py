@@ -4,17 +4,18 @@ from typing import Any
 
 import torch
 from lightning.pytorch import Callback, LightningModule
+from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor
 from torch.optim import Optimizer
 
+from usvnet.callbacks import MovingAverage
 from usvnet.checkpoints import STAMP, check_variant
 from usvnet.config import LossWeights, OptimiserConfig
-from usvnet.evaluation.pose_metrics import PAPER_SIGMA, STRICT_SIGMA, score_keypoints, score_pose
-from usvnet.evaluation.range_metrics import score_range
 from usvnet.evaluation.records import BoatRecord, TruthRecord, to_records, to_truths
+from usvnet.evaluation.scores import Scores, score
 from usvnet.losses import Assignment, Criterion, assign
 from usvnet.model import USVNet
-from usvnet.optimiser import MovingAverage, WarmupSchedule, build_optimiser, resolve_auto, warmup_steps
+from usvnet.optimiser import WarmupSchedule, build_optimiser, resolve_auto, warmup_steps
 from usvnet.types import Batch, Boats, Camera, NetworkOutput, Prediction
 
 
@@ -42,7 +43,8 @@ class USVModule(LightningModule):
         ema_ramp_steps: float = 2000.0,
     ) -> None:
         super().__init__()
-        self.model = USVNet(variant, curved_water=curved_water).to(memory_format=torch.channels_last)
+        self.model = USVNet(variant, curved_water=curved_water)
+        self.model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # as the batches are: faster
         self.criterion = Criterion(loss_weights)
         self.optimiser = optimiser
         self.range_loss_start_epoch = range_loss_start_epoch
@@ -53,7 +55,7 @@ class USVModule(LightningModule):
 
     def forward(self, image: Tensor, camera: Camera) -> Prediction:
         """Find and range the boats, see :meth:`usvnet.model.USVNet.forward`."""
-        prediction: Prediction = self.model(image.contiguous(memory_format=torch.channels_last), camera)
+        prediction: Prediction = self.model(image, camera)
         return prediction
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
@@ -62,13 +64,13 @@ class USVModule(LightningModule):
         ranged = (batch.boats.present & (batch.boats.range_m > 0)).sum()
         size = len(batch.image)
         self.log("loss", losses["total"].detach(), prog_bar=True, logger=False, batch_size=size)
-        scalars = {f"train/{name}": loss.detach() for name, loss in losses.items()}
-        self.log_dict(scalars | {"train/ranged_boats": ranged.float()}, on_step=True, on_epoch=False, batch_size=size)
+        scalars = {name: loss.detach() for name, loss in losses.items()} | {"ranged_boats": ranged.float()}
+        self.log_dict({f"train/{name}": value for name, value in scalars.items()}, batch_size=size)
         return losses["total"]
 
     def losses(self, batch: Batch) -> dict[str, Tensor]:
         """All losses of a batch by name, and their weighted sum ``total`` (see :class:`usvnet.losses.Criterion`)."""
-        output: NetworkOutput = self.model.network(batch.image.contiguous(memory_format=torch.channels_last))
+        output: NetworkOutput = self.model.network(batch.image)
         with torch.autocast(batch.image.device.type, enabled=False):
             output = NetworkOutput(*[tensor.float() for tensor in output])
             assignment = assign(output, batch.boats)
@@ -111,7 +113,8 @@ class USVModule(LightningModule):
         """Score the whole validation set, the pictures of other processes included."""
         records, truths = self._gather(self._records), self._gather(self._truths)
         self._records, self._truths = [], []
-        self.log_dict({f"val/{name}": value for name, value in scores(records, truths).items()}, rank_zero_only=False)
+        scalars = validation_scalars(score(records, truths))
+        self.log_dict({f"val/{name}": value for name, value in scalars.items()})
 
     def _gather(self, pictures: list[Any]) -> list[Any]:
         if self.trainer.world_size == 1:
@@ -120,7 +123,7 @@ class USVModule(LightningModule):
         torch.distributed.all_gather_object(parts, pictures)
         return [picture for part in parts for picture in part]
 
-    def configure_optimizers(self) -> dict[str, Any]:
+    def configure_optimizers(self) -> OptimizerLRScheduler:
         """Build the optimiser and the learning rate's course over the whole run."""
         steps = int(self.trainer.estimated_stepping_batches)
         config = resolve_auto(self.optimiser, steps)
@@ -142,18 +145,17 @@ class USVModule(LightningModule):
         check_variant(self.trainer.ckpt_path or "checkpoint", checkpoint, self.model.variant)
 
 
-def scores(records: list[list[BoatRecord]], truths: list[list[TruthRecord]]) -> dict[str, float]:
-    """Validation scores by name: pose at both OKS sigmas, keypoint error and the ``waterline`` range's errors."""
-    loose, strict = score_pose(records, truths, PAPER_SIGMA), score_pose(records, truths, STRICT_SIGMA)
-    ranges = score_range(records, truths).overall["waterline"]
+def validation_scalars(scores: Scores) -> dict[str, float]:
+    """Pick what TensorBoard shows: pose at both OKS sigmas, keypoint errors and errors of the ``waterline`` range."""
+    waterline = scores.ranges.overall["waterline"]
     return {
-        "precision": loose.precision,
-        "recall": loose.recall,
-        "mAP50": loose.map50,
-        "mAP50-95": loose.map50_95,
-        "strict_mAP50-95": strict.map50_95,
-        "keypoint_median_px": score_keypoints(records, truths).overall.median_px,
-        "range_rmse_m": ranges.rmse_m,
-        "range_mae_m": ranges.mae_m,
-        "missed": float(ranges.missed),
+        "precision": scores.pose.precision,
+        "recall": scores.pose.recall,
+        "mAP50": scores.pose.map50,
+        "mAP50-95": scores.pose.map50_95,
+        "strict_mAP50-95": scores.pose_strict.map50_95,
+        "keypoint_median_px": scores.keypoints.overall.median_px,
+        "range_rmse_m": waterline.rmse_m,
+        "range_mae_m": waterline.mae_m,
+        "missed": float(waterline.missed),
     }

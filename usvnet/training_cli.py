@@ -4,8 +4,9 @@ import logging
 import sys
 import warnings
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from lightning.pytorch import Trainer
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.trainer.states import TrainerStatus
@@ -69,7 +70,7 @@ class TrainingCLI(LightningCLI):
         """Put logs and checkpoints in the run folder."""
         self.trainer_defaults = {**TRAINER_DEFAULTS, "callbacks": run_callbacks(self.config.run_dir)}
 
-    def instantiate_trainer(self, **kwargs: object) -> object:
+    def instantiate_trainer(self, **kwargs: Any) -> Trainer:
         """Build the trainer with its logger in the run folder."""
         logger = TensorBoardLogger(self.config.run_dir, name="", version="")
         return super().instantiate_trainer(logger=logger, **kwargs)

@@ -5,8 +5,9 @@ import pytest
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from .boats import BOX_PX, boat, truth
 from usvnet.evaluation.pose_metrics import PAPER_SIGMA, STRICT_SIGMA, score_keypoints, score_pose
+
+from .boats import BOX_PX, boat, truth
 
 AREA_PX2 = 80 * 50
 

@@ -3,9 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from .boats import boat, truth
 from usvnet.evaluation.range_metrics import DISTANCE_BINS, distance_bin, score_range
 from usvnet.evaluation.records import ESTIMATORS
+
+from .boats import boat, truth
 
 
 def test_perfect_ranges_have_no_error_and_full_coverage():

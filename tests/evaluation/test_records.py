@@ -1,9 +1,10 @@
 import numpy as np
 import torch
 
-from .boats import boat, truth
 from usvnet.evaluation.records import ESTIMATORS, match_boats, to_records, to_truths
 from usvnet.types import Boats, Prediction, RangeEstimate
+
+from .boats import boat, truth
 
 LETTERBOX = torch.tensor([[[0.5, 0.0, 3.0], [0.0, 0.5, 83.0], [0.0, 0.0, 1.0]]])
 

@@ -21,7 +21,9 @@ class BoatDataModule(LightningDataModule):
 
     Args:
         root: the folder that holds data.yaml; a relative path counts from the working directory.
-        image_size: side of the square picture that the network sees, a multiple of 32.
+        image_size: side of the square picture that the network sees in training, a multiple of 32.
+        eval_image_size: the same for validation and test; null for ``image_size``. With a training zoom that reaches
+            ``eval_image_size / image_size``, a network trained on cheap small crops is at home in large pictures.
         batch_size: pictures a batch.
         num_workers: processes that prepare batches; 0 prepares them in the training process.
         cache_mb: memory for decoded pictures, for each split.
@@ -32,20 +34,23 @@ class BoatDataModule(LightningDataModule):
         self,
         root: str,
         image_size: int = 320,
+        eval_image_size: int | None = None,
         batch_size: int = 16,
         num_workers: int = 0,
         cache_mb: int = 1024,
         augmentation: AugmentationConfig | None = DEFAULT_AUGMENTATION,
     ) -> None:
         super().__init__()
-        if image_size <= 0 or image_size % 32:
-            raise ValueError(f"image_size is {image_size}, expected a multiple of 32")
+        for name, size in (("image_size", image_size), ("eval_image_size", eval_image_size)):
+            if size is not None and (size <= 0 or size % 32):
+                raise ValueError(f"{name} is {size}, expected a multiple of 32")
         if batch_size < 1 or num_workers < 0 or cache_mb < 0:
             raise ValueError(
                 f"batch_size is {batch_size}, num_workers {num_workers}, cache_mb {cache_mb}, expected at least 1, 0, 0"
             )
         self.root = Path(root)
         self.image_size = image_size
+        self.eval_image_size = eval_image_size or image_size
         self.batch_size = batch_size
         self.num_workers = num_workers
         self.cache_mb = cache_mb
@@ -64,9 +69,12 @@ class BoatDataModule(LightningDataModule):
             ValueError: unknown split or faulty files, see :func:`read_dataset`.
         """
         if split not in self._datasets:
-            augmentation = self.augmentation if split == "train" else None
             frames = read_dataset(self.root, split)
-            self._datasets[split] = BoatDataset(frames, self.image_size, augmentation, self.cache_mb)
+            if split == "train":
+                dataset = BoatDataset(frames, self.image_size, self.augmentation, self.cache_mb)
+            else:
+                dataset = BoatDataset(frames, self.eval_image_size, None, self.cache_mb)
+            self._datasets[split] = dataset
         return self._datasets[split]
 
     def frames(self, split: str) -> list[Frame]:

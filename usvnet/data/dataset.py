@@ -1,6 +1,6 @@
 """Frames as samples of a fixed size, and samples as batches of tensors."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -15,6 +15,7 @@ from usvnet.data.transforms import (
     AugmentationConfig,
     change_colours,
     mirror_frame,
+    mirror_picture,
     move_frame,
     random_affine,
     resize_matrix,
@@ -27,7 +28,8 @@ TRIES = 10
 """How often a zoom that loses every boat is drawn anew."""
 
 
-class Sample(NamedTuple):
+@dataclass(frozen=True)
+class Sample:
     """One picture of the network's size with its frame moved along."""
 
     picture: Picture
@@ -87,15 +89,17 @@ class BoatDataset(Dataset[Sample]):
         A, frame = self._place(native, letterbox, self.augmentation, rng)
         picture = warp(picture, A @ from_cached, self.size_px)
         if rng.random() < self.augmentation.mirror:
-            picture, frame = np.ascontiguousarray(picture[:, ::-1]), mirror_frame(frame)
+            picture, frame = mirror_picture(picture), mirror_frame(frame)
         return Sample(change_colours(picture, self.augmentation, rng), frame, index)
 
     def _place(
         self, native: Frame, letterbox: Affine, config: AugmentationConfig, rng: np.random.Generator
     ) -> tuple[Affine, Frame]:
         """Draw zoom and shift after the letterbox so that at least one boat stays in the frame, if there is one."""
+        centres_px = native.boxes_px.reshape(-1, 2, 2).mean(1) * np.diag(letterbox)[:2] + letterbox[:2, 2]
         for _ in range(TRIES):
-            A = random_affine(config, self.size_px, rng)
+            focus_px = rng.choice(centres_px) if len(centres_px) else None
+            A = random_affine(config, self.size_px, rng, focus_px)
             frame = move_frame(native, A @ letterbox, self.size_px)
             if len(frame.boxes_px) or not len(native.boxes_px):
                 return A, frame

@@ -24,9 +24,13 @@ class Labels(NamedTuple):
     visibility: NDArray[np.int64]
     """(n, 7): 0, 1 or 2."""
 
+    def boat(self, i: int) -> "Labels":
+        """Take boat ``i`` alone."""
+        return Labels(self.boxes_px[i : i + 1], self.keypoints_px[i : i + 1], self.visibility[i : i + 1])
+
     @staticmethod
     def of(boats: list["Labels"]) -> "Labels":
-        """Join labels of pictures or single boats; the empty list gives the labels of an empty picture."""
+        """Join boats; the empty list gives the labels of an empty picture."""
         empty = Labels(np.zeros((0, 4)), np.zeros((0, NUM_KEYPOINTS, 2)), np.zeros((0, NUM_KEYPOINTS), np.int64))
         return Labels(*(np.concatenate(column) for column in zip(empty, *boats)))
 

@@ -39,7 +39,7 @@ class AugmentationConfig:
     zoom: tuple[float, float] = (0.6, 1.6)
     """Smallest and largest scale, drawn evenly on a logarithmic scale."""
     translate: float = 0.15
-    """Largest shift, as a fraction of the frame."""
+    """Widest empty border that a shift may open, as a fraction of the frame."""
     hue: float = 0.015
     """Largest shift, as a fraction of the colour circle."""
     saturation: float = 0.5
@@ -66,13 +66,28 @@ class AugmentationConfig:
             raise ValueError(f"augmentation.zoom is {list(self.zoom)}, expected a smallest and a largest scale above 0")
 
 
-def random_affine(config: AugmentationConfig, size_px: tuple[int, int], rng: np.random.Generator) -> Affine:
-    """Draw a zoom about the centre of a frame of ``size_px`` (width, height) and a shift."""
+def random_affine(
+    config: AugmentationConfig,
+    size_px: tuple[int, int],
+    rng: np.random.Generator,
+    focus_px: NDArray[np.float64] | None = None,
+) -> Affine:
+    """Draw a zoom and a shift for a frame of ``size_px`` (width, height).
+
+    The picture keeps the frame filled (or, when it shrinks, stays whole), give or take ``translate`` of the frame.
+    Within that, ``focus_px`` (a boat's centre) is sent to a place drawn evenly from the frame's middle 70 %: a plain
+    zoom about the centre would cut off nearly every boat that is not in the middle.
+    """
     zoom = math.exp(rng.uniform(math.log(config.zoom[0]), math.log(config.zoom[1])))
-    shift = rng.uniform(-config.translate, config.translate, 2) * size_px
-    centre = (np.array(size_px) - 1) / 2
+    size = np.array(size_px, np.float64)
+    slack = config.translate * size
+    low, high = np.minimum(0, size * (1 - zoom)) - slack, np.maximum(0, size * (1 - zoom)) + slack
+    if focus_px is None:
+        shift = rng.uniform(low, high)
+    else:
+        shift = (rng.uniform(0.15, 0.85, 2) * size - zoom * focus_px).clip(low, high)
     A = np.diag((zoom, zoom, 1.0))
-    A[:2, 2] = centre - zoom * centre + shift
+    A[:2, 2] = (zoom - 1) / 2 + shift  # a picture's upper left corner is at -0.5
     return A
 
 
@@ -84,17 +99,20 @@ def resize_matrix(size_px: tuple[int, int], target_px: tuple[int, int]) -> Affin
 def warp(picture: Picture, A: Affine, size_px: tuple[int, int]) -> Picture:
     """Show a picture in a frame of ``size_px`` (width, height), its pixel p at A p, grey around it.
 
-    A picture that shrinks is first averaged over areas (INTER_AREA), or its fine detail would turn into false detail.
+    Fine detail would turn into false detail in a picture that shrinks, so it is first halved by averaging while it has
+    to shrink by two or more, and then blurred for what is left (Gaussian, of the deviation that the coarser grid asks).
     """
-    height, width = picture.shape[:2]
-    shrunk_px = (max(1, round(width * A[0, 0])), max(1, round(height * A[1, 1])))
-    if A[0, 0] < 1 and A[1, 1] < 1:
-        picture = cv2.resize(picture, shrunk_px, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-        A = A @ np.linalg.inv(resize_matrix((width, height), shrunk_px))
-        if shrunk_px == size_px and np.allclose(A, np.eye(3), atol=1e-6):
-            return picture
-    border = (FILL, FILL, FILL)
-    return cv2.warpAffine(picture, A[:2], size_px, borderValue=border).astype(np.uint8, copy=False)
+    while A[0, 0] <= 0.5 and A[1, 1] <= 0.5:
+        height, width = picture.shape[:2]
+        half_px = ((width + 1) // 2, (height + 1) // 2)
+        picture = cv2.resize(picture, half_px, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+        A = A @ resize_matrix(half_px, (width, height))
+    if picture.shape[1::-1] == size_px and np.allclose(A, np.eye(3), atol=1e-6):
+        return picture
+    sigma_px = 0.5 * math.sqrt(max(0.0, 1 / (A[0, 0] * A[1, 1]) - 1))
+    if sigma_px > 0.2:
+        picture = cv2.GaussianBlur(picture, (3, 3), sigma_px).astype(np.uint8, copy=False)
+    return cv2.warpAffine(picture, A[:2], size_px, borderValue=(FILL, FILL, FILL)).astype(np.uint8, copy=False)
 
 
 def move_frame(frame: Frame, A: Affine, size_px: tuple[int, int]) -> Frame:
@@ -130,6 +148,11 @@ def move_frame(frame: Frame, A: Affine, size_px: tuple[int, int]) -> Frame:
 def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 2, 2) low and high corners to (n,) areas."""
     return (corners[:, 1] - corners[:, 0]).prod(-1)
+
+
+def mirror_picture(picture: Picture) -> Picture:
+    """Mirror a picture left for right."""
+    return cv2.flip(picture, 1).astype(np.uint8, copy=False)
 
 
 def mirror_frame(frame: Frame) -> Frame:

@@ -17,7 +17,9 @@ Array = NDArray[np.float64]
 MIN_VIEWS = 3
 """Two views determine K in theory; with three, one bad view can at least be noticed."""
 OUTLIER_SIGMAS = 4.0
-"""A view stands out when its error is this many robust sigmas above the median view."""
+"""A view stands out when its error is this many robust sigmas above the median view's ..."""
+OUTLIER_RATIO = 3.0
+"""... and this many times the median view's, because the robust sigma of a handful of views is itself a guess."""
 
 
 class View(NamedTuple):
@@ -154,91 +156,18 @@ def calibrate_robustly(
     """:func:`calibrate`, then leave out the worst view and fit again for as long as the worst view stands out.
 
     One at a time, because a bad view bends the fit and so spoils the errors of the good ones. A view stands out when
-    its error is above ``outlier_error_px`` *and* OUTLIER_SIGMAS robust sigmas (1.4826 median absolute deviations) above
-    the median. MIN_VIEWS views always stay: below that nobody can tell which one is wrong.
+    its error is above ``outlier_error_px``, above OUTLIER_RATIO times the median *and* OUTLIER_SIGMAS robust sigmas
+    (1.4826 median absolute deviations) above the median. MIN_VIEWS views always stay: with fewer nobody can tell which
+    one is wrong.
     """
     kept, rejected = list(views), list[RejectedView]()
     while True:
         result = calibrate(board_m, kept, size_px, fixed_aspect, radial_terms)
         error = result.view_error_px
         median = np.median(error)
-        limit = max(outlier_error_px, median + OUTLIER_SIGMAS * 1.4826 * np.median(np.abs(error - median)))
+        sigma = 1.4826 * np.median(np.abs(error - median))
+        limit = max(outlier_error_px, OUTLIER_RATIO * median, median + OUTLIER_SIGMAS * sigma)
         worst = int(error.argmax())
         if error[worst] <= limit or len(kept) <= MIN_VIEWS:
             return result._replace(rejected=tuple(rejected))
         rejected.append(RejectedView(kept.pop(worst), float(error[worst])))
-
-
-def field_of_view_deg(result: CalibrationResult) -> tuple[float, float]:
-    """Horizontal and vertical angle that the picture spans through its principal point, distortion included."""
-    width, height = result.size_px
-    cx, cy = result.K[0, 2], result.K[1, 2]
-    edges = np.array([[-0.5, cy], [width - 0.5, cy], [cx, -0.5], [cx, height - 0.5]])
-    rays = undistort(edges, result)
-    angle = np.degrees(np.arctan(rays))
-    return float(angle[1, 0] - angle[0, 0]), float(angle[3, 1] - angle[2, 1])
-
-
-def undistort(points_px: Array, result: CalibrationResult) -> Array:
-    """(P, 2) pixels to (P, 2) points of the plane z = 1."""
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-    return cv2.undistortPoints(points_px[:, None], result.K, result.distortion, criteria=criteria).reshape(-1, 2)
-
-
-def coverage(result: CalibrationResult) -> float:
-    """Share of the picture that lies inside the hull of the corners of at least one view."""
-    mask = np.zeros(result.size_px[::-1], np.uint8)
-    for view in result.views:
-        cv2.fillConvexPoly(mask, cv2.convexHull(view.corners_px.astype(np.float32)).round().astype(np.int32), 1)
-    return float(mask.mean())
-
-
-def tilt_spread_deg(result: CalibrationResult) -> float:
-    """Largest angle between the boards of any two views.
-
-    Boards parallel to one another, whichever way they face, say the same about K (Zhang, section 3.3).
-    """
-    normals = result.rotation[:, :, 2]
-    return float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1, 1).min())))
-
-
-def distortion_folds(result: CalibrationResult) -> bool:
-    """Whether the radial polynomial turns back inside the picture, so that two rays share a pixel."""
-    k1, k2, _, _, k3 = result.distortion
-    radius = np.linspace(0, 10, 20001)
-    distorted = radius * (1 + k1 * radius**2 + k2 * radius**4 + k3 * radius**6)
-    falling = np.flatnonzero(np.diff(distorted) <= 0)
-    width, height = result.size_px
-    corners = np.array([[x, y, 1] for x in (-0.5, width - 0.5) for y in (-0.5, height - 0.5)])
-    reach = np.linalg.norm((corners @ np.linalg.inv(result.K).T)[:, :2], axis=-1).max()
-    return bool(len(falling) and distorted[falling[0]] < reach)
-
-
-def cautions(result: CalibrationResult) -> list[str]:
-    """Plain sentences on what weakens this calibration and what would help; none when all is well."""
-    sentences = []
-    if len(result.views) < 8:
-        sentences.append(f"only {len(result.views)} views: ten or more make the sigmas themselves trustworthy")
-    if (spread := tilt_spread_deg(result)) < 20:
-        sentences.append(
-            f"the boards are nearly parallel to one another (within {spread:.0f} deg), which leaves the focal length "
-            "free: tilt the board by 30 to 45 deg in different directions"
-        )
-    if (share := coverage(result)) < 0.5:
-        sentences.append(
-            f"the boards cover only {share:.0%} of the picture: distortion is a guess elsewhere; "
-            "show the board near the edges and corners too"
-        )
-    if (relative := result.focal_std_px / result.focal_px) > 0.005:
-        sentences.append(f"the focal length is known to {relative:.1%} only (1 sigma): add tilted, closer views")
-    if result.distortion_std[4] > 0 and abs(result.distortion[4]) < 2 * result.distortion_std[4]:
-        sentences.append(
-            f"k3 = {result.distortion[4]:.2g} +- {result.distortion_std[4]:.2g} is not seen by these pictures: "
-            "--radial_terms 2 leaves it out"
-        )
-    if distortion_folds(result):
-        sentences.append(
-            "the distortion polynomial folds back inside the picture: far from the boards it is not to be used; "
-            "cover the corners or try --radial_terms 2"
-        )
-    return sentences

@@ -7,20 +7,23 @@ lands on the moved pixel and every range stays what it was.
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from usvnet.geometry.lens import distort, distortion_jacobian
+from usvnet.geometry.lens import centre_px, determinant_2x2, distort, distortion_jacobian, focal_px
 from usvnet.types import Camera
+
+Numbers = Tensor | np.ndarray | Sequence[float]
 
 MIN_DEPTH_M = 1e-6
 """Points nearer to the camera's plane than this, or behind it, have no pixel."""
 
 
 def make_camera(
-    K: Tensor | Sequence[Sequence[float]],
-    size_px: Sequence[float],
-    distortion: Tensor | Sequence[float] | None = None,
+    K: Numbers | Sequence[Sequence[float]],
+    size_px: Numbers,
+    distortion: Numbers | None = None,
     *,
     height_m: float,
     pitch_rad: float = 0.0,
@@ -50,16 +53,7 @@ def make_camera(
         ValueError: the value that cannot be a camera's, with what was got and what was expected.
     """
     matrix = torch.as_tensor(K, dtype=torch.float64)
-    if matrix.shape != (3, 3):
-        raise ValueError(f"K: expected a 3 x 3 matrix, got shape {tuple(matrix.shape)}")
-    if not bool(torch.isfinite(matrix).all()):
-        raise ValueError(f"K: expected finite numbers, got {matrix.tolist()}")
-    if not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
-        raise ValueError(f"K: expected a focal length above 0 px, got fx = {matrix[0, 0]:g}, fy = {matrix[1, 1]:g}")
-    rest = [matrix[0, 1], matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1]
-    if any(float(value) != 0 for value in rest):
-        raise ValueError(f"K: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {matrix.tolist()}")
-
+    check_pinhole(matrix, "K")
     size = torch.as_tensor(size_px, dtype=torch.float64)
     if size.shape != (2,) or not bool((torch.isfinite(size) & (size > 0)).all()):
         raise ValueError(f"size_px: expected a width and a height above 0, got {size.tolist()}")
@@ -105,6 +99,22 @@ def make_camera(
     )
 
 
+def check_pinhole(K: Tensor, where: str) -> None:
+    """Insist on a pinhole matrix (3, 3) without skew.
+
+    Raises:
+        ValueError: what was got and what was expected, after ``where``.
+    """
+    if K.shape != (3, 3):
+        raise ValueError(f"{where}: expected a 3 x 3 matrix, got shape {tuple(K.shape)}")
+    if not bool(torch.isfinite(K).all()):
+        raise ValueError(f"{where}: expected finite numbers, got {K.tolist()}")
+    if not (K[0, 0] > 0 and K[1, 1] > 0):
+        raise ValueError(f"{where}: expected a focal length above 0 px, got fx = {K[0, 0]:g}, fy = {K[1, 1]:g}")
+    if K[0, 1] != 0 or K[1, 0] != 0 or K[2].tolist() != [0, 0, 1]:
+        raise ValueError(f"{where}: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {K.tolist()}")
+
+
 def stack_cameras(cameras: Sequence[Camera]) -> Camera:
     """Join batches of cameras into one."""
     return Camera(*(torch.cat(field) for field in zip(*cameras)))
@@ -144,7 +154,7 @@ def with_attitude(
     )
 
 
-def transform_camera(camera: Camera, A: Tensor, size_px: Tensor | Sequence[float]) -> Camera:
+def transform_camera(camera: Camera, A: Tensor, size_px: Numbers) -> Camera:
     """Move cameras with their pictures by a pixel map.
 
     Args:
@@ -165,13 +175,13 @@ def transform_camera(camera: Camera, A: Tensor, size_px: Tensor | Sequence[float
     )
 
 
-def scale_matrix(size_px: Tensor | Sequence[float], target_px: Tensor | Sequence[float]) -> Tensor:
+def scale_matrix(size_px: Numbers, target_px: Numbers) -> Tensor:
     """Pixel map (..., 3, 3) of stretching a picture of ``size_px`` (..., 2) to ``target_px`` (..., 2), edge to edge."""
     size, target = _sizes(size_px, target_px)
     return _affine(target / size, torch.zeros_like(size))
 
 
-def letterbox_matrix(size_px: Tensor | Sequence[float], target_px: Tensor | Sequence[float]) -> Tensor:
+def letterbox_matrix(size_px: Numbers, target_px: Numbers) -> Tensor:
     """Pixel map (..., 3, 3) of fitting a picture of ``size_px`` (..., 2) whole into ``target_px``, in its middle.
 
     u' = s (u + 0.5) - 0.5 + pad with one scale s and a pad of whole pixels (what is left over goes right and below),
@@ -179,22 +189,22 @@ def letterbox_matrix(size_px: Tensor | Sequence[float], target_px: Tensor | Sequ
     """
     size, target = _sizes(size_px, target_px)
     scale = (target / size).amin(-1, keepdim=True).expand_as(size)
-    return _affine(scale, torch.floor((target - scale * size) / 2))
+    return _affine(scale, torch.floor((target - scale * size) / 2 + 1e-3))  # rounding must not cost a whole pixel
 
 
-def scale_camera(camera: Camera, target_px: Tensor | Sequence[float]) -> Camera:
+def scale_camera(camera: Camera, target_px: Numbers) -> Camera:
     """Stretch the picture to ``target_px``."""
     return transform_camera(camera, scale_matrix(camera.size_px, target_px), target_px)
 
 
-def crop_camera(camera: Camera, left_px: float, top_px: float, size_px: Tensor | Sequence[float]) -> Camera:
+def crop_camera(camera: Camera, left_px: float, top_px: float, size_px: Numbers) -> Camera:
     """Cut ``size_px`` out of the picture, with pixel (left, top) as its first; outside the picture is padding."""
     A = torch.eye(3, dtype=camera.K.dtype, device=camera.K.device)
     A[0, 2], A[1, 2] = -left_px, -top_px
     return transform_camera(camera, A, size_px)
 
 
-def letterbox_camera(camera: Camera, target_px: Tensor | Sequence[float]) -> Camera:
+def letterbox_camera(camera: Camera, target_px: Numbers) -> Camera:
     """Fit the picture into ``target_px`` (see :func:`letterbox_matrix`)."""
     return transform_camera(camera, letterbox_matrix(camera.size_px, target_px), target_px)
 
@@ -217,11 +227,12 @@ def project(points_camera_m: Tensor, camera: Camera) -> Tensor:
     z = points_camera_m[..., 2:]
     ahead = z > MIN_DEPTH_M
     xy = torch.where(ahead, points_camera_m[..., :2], 0.0) / torch.where(ahead, z, 1.0)
-    seen = ahead & (torch.det(distortion_jacobian(xy, camera.distortion)) > 0).unsqueeze(-1)
-    return torch.where(seen, distort(torch.where(seen, xy, 0.0), camera), float("nan"))
+    seen = ahead & (determinant_2x2(distortion_jacobian(xy, camera.distortion)) > 0).unsqueeze(-1)
+    distorted = distort(torch.where(seen, xy, 0.0), camera.distortion)
+    return torch.where(seen, distorted * focal_px(camera) + centre_px(camera), float("nan"))
 
 
-def _sizes(size_px: Tensor | Sequence[float], target_px: Tensor | Sequence[float]) -> tuple[Tensor, Tensor]:
+def _sizes(size_px: Numbers, target_px: Numbers) -> tuple[Tensor, Tensor]:
     size = torch.as_tensor(size_px)
     size = size if size.is_floating_point() else size.to(torch.get_default_dtype())
     target = torch.as_tensor(target_px, dtype=size.dtype, device=size.device)

@@ -25,10 +25,19 @@ class Undistorted(NamedTuple):
     """(B, P) bool, False where the pixel is not finite or the distortion has no inverse."""
 
 
-def distort(xy: Tensor, camera: Camera) -> Tensor:
-    """Pixels (B, P, 2) of points (B, P, 2) on the plane z = 1, lens distortion included."""
-    plane = torch.eye(3, dtype=xy.dtype, device=xy.device)
-    return distort_points(xy, camera.K, camera.distortion, plane)
+def focal_px(camera: Camera) -> Tensor:
+    """Focal lengths fx, fy (B, 1, 2)."""
+    return torch.stack([camera.K[..., 0, 0], camera.K[..., 1, 1]], -1).unsqueeze(-2)
+
+
+def centre_px(camera: Camera) -> Tensor:
+    """Principal points cx, cy (B, 1, 2)."""
+    return camera.K[..., :2, 2].unsqueeze(-2)
+
+
+def distort(xy: Tensor, distortion: Tensor) -> Tensor:
+    """Put the lens ``distortion`` (B, 5) on points (B, P, 2) of the plane z = 1."""
+    return distort_points(xy, torch.eye(3, dtype=xy.dtype, device=xy.device), distortion)
 
 
 def distortion_jacobian(xy: Tensor, distortion: Tensor) -> Tensor:
@@ -43,9 +52,9 @@ def distortion_jacobian(xy: Tensor, distortion: Tensor) -> Tensor:
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
     xx = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
-    xy_ = slope * x * y + 2 * p1 * x + 2 * p2 * y
+    cross = slope * x * y + 2 * p1 * x + 2 * p2 * y
     yy = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
-    return torch.stack([torch.stack([xx, xy_], -1), torch.stack([xy_, yy], -1)], -2)
+    return torch.stack([torch.stack([xx, cross], -1), torch.stack([cross, yy], -1)], -2)
 
 
 def undistort(
@@ -69,20 +78,17 @@ def undistort(
         min_determinant: area scale of the distortion below which the lens model folds over and has no inverse.
     """
     plane = torch.eye(3, dtype=points_px.dtype, device=points_px.device)
-    found = undistort_points(
-        points_px.detach(), camera.K.detach(), camera.distortion.detach(), plane, iterations
-    ).detach()
-    residual_px = (distort(found, camera).detach() - points_px.detach()).abs().amax(-1)
-    determinant = torch.det(distortion_jacobian(found, camera.distortion).detach())
-    valid = (residual_px < max_residual_px) & (determinant > min_determinant)
+    target = (points_px - centre_px(camera)) / focal_px(camera)
+    lens = camera.distortion.detach()
+    found = undistort_points(target.detach(), plane, lens, num_iters=iterations)
+    residual_px = ((distort(found, lens) - target.detach()) * focal_px(camera).detach()).abs().amax(-1)
+    valid = (residual_px < max_residual_px) & (determinant_2x2(distortion_jacobian(found, lens)) > min_determinant)
 
-    centre_px = torch.stack([camera.K[..., 0, 2], camera.K[..., 1, 2]], -1).unsqueeze(-2)
-    focal_px = torch.stack([camera.K[..., 0, 0], camera.K[..., 1, 1]], -1).unsqueeze(-2)
     chosen = valid.unsqueeze(-1)
-    target = (torch.where(chosen, points_px, centre_px) - centre_px) / focal_px
     start = torch.where(chosen, found, torch.zeros_like(found))
-    miss = target - (distort(start, camera) - centre_px) / focal_px
-    xy = start + apply_matrix(inverse_2x2(distortion_jacobian(start, camera.distortion).detach()), miss)
+    target = (torch.where(chosen, points_px, centre_px(camera)) - centre_px(camera)) / focal_px(camera)
+    newton = inverse_2x2(distortion_jacobian(start, lens))
+    xy = start + apply_matrix(newton, target - distort(start, camera.distortion))
     return Undistorted(xy, target, inverse_2x2(distortion_jacobian(xy, camera.distortion)), valid)
 
 
@@ -91,9 +97,13 @@ def apply_matrix(matrix: Tensor, vector: Tensor) -> Tensor:
     return (matrix * vector.unsqueeze(-2)).sum(-1)
 
 
+def determinant_2x2(matrix: Tensor) -> Tensor:
+    """Determinants (...) of matrices (..., 2, 2)."""
+    return matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0]
+
+
 def inverse_2x2(matrix: Tensor) -> Tensor:
-    """Inverses of 2 x 2 matrices (..., 2, 2), closed form."""
-    a, b = matrix[..., 0, 0], matrix[..., 0, 1]
-    c, d = matrix[..., 1, 0], matrix[..., 1, 1]
+    """Inverses (..., 2, 2) of matrices (..., 2, 2)."""
+    a, b, c, d = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 0], matrix[..., 1, 1]
     adjugate = torch.stack([torch.stack([d, -b], -1), torch.stack([-c, a], -1)], -2)
-    return adjugate / (a * d - b * c)[..., None, None]
+    return adjugate / determinant_2x2(matrix)[..., None, None]

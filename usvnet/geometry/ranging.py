@@ -9,9 +9,9 @@ from typing import NamedTuple, Tuple
 import torch
 from torch import Tensor, nn
 
-from usvnet.geometry.lens import apply_matrix, undistort
+from usvnet.geometry.lens import apply_matrix, focal_px, undistort
 from usvnet.geometry.water import MIN_SINE, REFRACTION, meet_water
-from usvnet.types import Camera, RangeEstimate
+from usvnet.types import WATERLINE_KEYPOINTS, Camera, RangeEstimate
 
 
 def level_rotation(pitch_rad: Tensor, roll_rad: Tensor) -> Tensor:
@@ -83,7 +83,7 @@ class RangingLayer(nn.Module):
     """The geometry at the end of the network: no weights, differentiable, float32 or wider whatever comes in.
 
     Args:
-        curved_water: follow the earth's curvature (worth 0.1 % of range at 10 m height and 500 m) or take it as flat.
+        curved_water: follow the earth's curvature (worth 1 % of range at 500 m, seen from 1.5 m) or take it as flat.
         refraction: coefficient k of terrestrial refraction, used with curved water only.
         box_bottom_std_px: standard deviation of the bottom centre of a box, which brings none of its own.
     """
@@ -93,6 +93,7 @@ class RangingLayer(nn.Module):
     ) -> None:
         super().__init__()
         self.box_bottom_std_px = box_bottom_std_px
+        self.bow_bottom, self.stern_bottom = WATERLINE_KEYPOINTS
         self.curved_water = curved_water
         self.refraction = refraction
 
@@ -113,12 +114,12 @@ class RangingLayer(nn.Module):
         """
         bottom = torch.stack([(boxes_px[..., 0] + boxes_px[..., 2]) / 2, boxes_px[..., 3]], -1)
         isotropic = torch.eye(2, dtype=covariance_px2.dtype, device=covariance_px2.device) * self.box_bottom_std_px**2
-        points = torch.cat([bottom, keypoints_px[..., 3, :], keypoints_px[..., 6, :]], 1)
+        points = torch.cat([bottom, keypoints_px[..., self.bow_bottom, :], keypoints_px[..., self.stern_bottom, :]], 1)
         covariance = torch.cat(
             [
                 isotropic.expand_as(covariance_px2[..., 0, :, :]),
-                covariance_px2[..., 3, :, :],
-                covariance_px2[..., 6, :, :],
+                covariance_px2[..., self.bow_bottom, :, :],
+                covariance_px2[..., self.stern_bottom, :, :],
             ],
             1,
         )
@@ -142,9 +143,8 @@ class RangingLayer(nn.Module):
         hit = meet_water(direction, camera.height_m.unsqueeze(-1), self.curved_water, self.refraction)
         valid = hit.valid & rays.valid
 
-        focal_px = torch.stack([camera.K[..., 0, 0], camera.K[..., 1, 1]], -1).unsqueeze(-2)
         by_xy = hit.slant_by_sine_m.unsqueeze(-1) * rays.direction_by_xy[..., 1, :]
-        by_px = by_xy / focal_px
+        by_px = by_xy / focal_px(camera)
         by_log_focal = -(by_xy * rays.distorted_xy).sum(-1)
         by_pitch = hit.slant_by_sine_m * direction[..., 2]
         by_roll = hit.slant_by_sine_m * direction[..., 0] * torch.cos(camera.pitch_rad).unsqueeze(-1)
@@ -156,6 +156,8 @@ class RangingLayer(nn.Module):
             + (hit.slant_by_height * camera.height_std_m.unsqueeze(-1)) ** 2
         )
 
+        straight_down = (direction[..., 0] == 0) & (direction[..., 2] == 0)  # no bearing, and no gradient of it
+        forward = torch.where(straight_down, torch.ones_like(hit.slant_m), direction[..., 2])
         infinite = torch.full_like(hit.slant_m, float("inf"))
         std = torch.sqrt(variance.clamp_min(1e-12))  # the root's gradient is infinite at 0
         position = hit.slant_m.unsqueeze(-1) * direction
@@ -163,7 +165,7 @@ class RangingLayer(nn.Module):
             slant_m=torch.where(valid, hit.slant_m, infinite),
             slant_std_m=torch.where(valid, std, infinite),
             horizontal_m=torch.where(valid, hit.horizontal_m, infinite),
-            bearing_rad=torch.atan2(direction[..., 0], direction[..., 2]),
+            bearing_rad=torch.atan2(direction[..., 0], forward),
             position_m=torch.where(valid.unsqueeze(-1), position, torch.zeros_like(position)),
             valid=valid,
         )

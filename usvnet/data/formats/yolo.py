@@ -4,7 +4,6 @@ A line is ``class cx cy w h`` and seven times ``x y v``, divided by the picture'
 as [i, i + 1), we call its centre i: u = width * x - 0.5, for keypoints and for the corners of boxes alike.
 """
 
-import math
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -127,18 +126,16 @@ def format_line(boat: Labels, size_px: tuple[int, int]) -> str:
     """Write the labels of one boat as a line: the inverse of :func:`parse_line`, to 1e-9 of the picture."""
     size = np.array(size_px, float)
     low, high = (boat.boxes_px[0].reshape(2, 2) + 0.5) / size
-    words = ["0", *(f"{value:.9f}" for value in (*((low + high) / 2), *(high - low)))]
-    for point, visibility in zip((boat.keypoints_px[0] + 0.5) / size, boat.visibility[0]):
-        words += [f"{point[0]:.9f}", f"{point[1]:.9f}", str(int(visibility))]
-    if any(not math.isfinite(float(word)) for word in words):
-        raise ValueError(f"a label to be written is not finite: {' '.join(words)}")
-    return " ".join(words)
+    points = np.column_stack(((boat.keypoints_px[0] + 0.5) / size, boat.visibility[0]))
+    values = np.concatenate(([0], (low + high) / 2, high - low, points.ravel()))
+    if not np.isfinite(values).all():
+        raise ValueError(f"a label to be written is not finite: {values.tolist()}")
+    return " ".join(f"{value:.9f}".rstrip("0").rstrip(".") for value in values)
 
 
 def write_yolo(frames: Iterable[Frame], folder: Path) -> None:
     """Write ``folder/<name>.txt`` for each frame, an empty file for a frame without boats."""
     for frame in frames:
-        labels = frame.labels
-        boats = [Labels(*(column[i : i + 1] for column in labels)) for i in range(len(labels.boxes_px))]
+        boats = [frame.labels.boat(i) for i in range(len(frame.boxes_px))]
         with atomic_write((folder / frame.name).with_suffix(".txt")) as temporary:
             temporary.write_text("".join(format_line(boat, frame.size_px) + "\n" for boat in boats), encoding="utf-8")

@@ -1,0 +1,57 @@
+"""Evaluate usvnet: python evaluate.py --config configs/experiment/x.yaml --checkpoint runs/x/checkpoints/best.ckpt."""
+
+from argparse import SUPPRESS
+from typing import Any
+
+from usvnet.files import run_program
+
+OF_TRAINING = (
+    "seed_everything",
+    "trainer",
+    "model",
+    "run_dir",
+    "ckpt_path",
+    "resume",
+    "evaluate_after",
+    "export_after",
+)
+"""Keys of a training configuration that evaluation does not read: the checkpoint knows its own network."""
+
+
+def main() -> None:
+    """Score a checkpoint on a split of the configuration's dataset."""
+    from usvnet.data.datamodule import (
+        BoatDataModule,
+    )  # after run_program, so that Ctrl-C while importing is handled too
+    from usvnet.evaluation.evaluator import evaluate_checkpoint
+    from usvnet.training_cli import OneLineParser, quiet
+
+    quiet()
+    parser = OneLineParser(
+        description="Score a trained usvnet: tables, metrics.json, predictions and overlay pictures."
+    )
+    parser.add_argument("--config", action="config", help="the configuration that trained it")
+    parser.add_argument("--checkpoint", type=str, required=True, help="written by train.py")
+    parser.add_argument("--split", type=str, default="test", help="train, val or test")
+    parser.add_argument("--output", type=str | None, default=None, help="folder of the results [beside the checkpoint]")
+    parser.add_argument("--range_confidence", type=float, default=0.25, help="score a boat needs before it is ranged")
+    parser.add_argument("--overwrite", action="store_true", help="predict anew, whatever the folder holds")
+    parser.add_class_arguments(BoatDataModule, "data")
+    for key in OF_TRAINING:
+        parser.add_argument(f"--{key}", type=Any, help=SUPPRESS)
+    settings = parser.parse_args()
+    settings.data.augmentation = None  # also where the training split is scored
+    data = BoatDataModule(**settings.data)
+    evaluate_checkpoint(
+        settings.checkpoint,
+        data.dataset(settings.split),
+        settings.split,
+        settings.output,
+        batch_size=data.batch_size,
+        range_confidence=settings.range_confidence,
+        overwrite=settings.overwrite,
+    )
+
+
+if __name__ == "__main__":
+    run_program(main)

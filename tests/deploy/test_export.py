@@ -1,0 +1,141 @@
+import json
+
+import pytest
+import torch
+from torch import nn
+from torch.nn import functional
+
+from usvnet.deploy import export, parity
+from usvnet.deploy.deployed import INPUTS, OUTPUTS, DeployedUSVNet
+from usvnet.deploy.parity import check_parity, probe_camera
+from usvnet.model import USVNet
+
+
+@pytest.fixture(scope="module")
+def model():
+    """A network whose normalisation has seen a picture, so that its answers depend on what they are asked."""
+    torch.manual_seed(0)
+    model = USVNet("n", max_boats=6).train()
+    for module in model.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            module.momentum = 1.0
+    with torch.no_grad():
+        model.network(inputs(2, 128, 160)[0])
+        for level in model.network.pose_head.levels:
+            level.score[-1].bias.fill_(-1.0)
+            for branch in (level.box, level.keypoint):  # answers within the picture, as a trained network gives
+                branch[-1].weight.mul_(0.1)
+    return model.eval()
+
+
+@pytest.fixture(scope="module")
+def exported(model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("export") / "model.ts"
+    return path, export.export_torchscript(model, path, score_threshold=0.7, image_size=320)
+
+
+def inputs(batch, height, width):
+    camera = probe_camera(batch, height, width)
+    blobs = torch.rand((batch, 3, 8, 10), generator=torch.Generator().manual_seed(1))
+    image = functional.interpolate(blobs, (height, width), mode="bicubic").clamp(0, 1)
+    std = torch.stack([camera.focal_std_px, camera.height_std_m, camera.pitch_std_rad, camera.roll_std_rad], -1)
+    return image, camera, std
+
+
+def answer(module, batch, height, width, with_std=True):
+    image, camera, std = inputs(batch, height, width)
+    mount = (camera.K, camera.distortion, camera.height_m, camera.pitch_rad, camera.roll_rad)
+    with torch.inference_mode():
+        return module(image, *mount, std) if with_std else module(image, *mount)
+
+
+def test_the_file_says_what_the_model_says(model, exported):
+    path, found = exported
+    assert found.px <= 0.01
+    assert found.m_at_10_m <= 0.001
+    got = answer(torch.jit.load(path), 2, 128, 160)
+    image, camera, _ = inputs(2, 128, 160)
+    with torch.inference_mode():
+        expected = model(image, camera)
+    assert expected.present.any(1).all()
+    torch.testing.assert_close(got["scores"], expected.scores, atol=1e-5, rtol=0)
+    torch.testing.assert_close(got["boxes_px"], expected.boxes_px, atol=0.01, rtol=0)
+    torch.testing.assert_close(got["keypoints_px"], expected.keypoints_px, atol=0.01, rtol=0)
+    for name in ("box_bottom", "waterline"):
+        estimate = getattr(expected, name)
+        near = estimate.slant_m < 10
+        assert near.sum() >= 4
+        torch.testing.assert_close(got[f"{name}_slant_m"][near], estimate.slant_m[near], atol=0.001, rtol=0)
+        assert torch.equal(got[f"{name}_valid"], estimate.valid)
+    assert torch.equal(got["present"], expected.scores >= 0.7)
+    assert got["present"].any()
+    assert not got["present"].all()
+
+
+def test_a_picture_of_any_size_is_taken_and_its_camera_stays(exported):
+    reloaded = torch.jit.load(exported[0])
+    image, camera, std = inputs(1, 128, 160)
+    image[..., 100:, :] = 114 / 255
+    image[..., 150:] = 114 / 255
+    mount = (camera.K, camera.distortion, camera.height_m, camera.pitch_rad, camera.roll_rad, std)
+    whole, cut = reloaded(image, *mount), reloaded(image[..., :100, :150], *mount)
+    for name in OUTPUTS:
+        torch.testing.assert_close(cut[name], whole[name])
+
+
+def test_camera_sigmas_widen_the_ranges_only(exported):
+    reloaded = torch.jit.load(exported[0])
+    sure, unsure = answer(reloaded, 1, 128, 160, with_std=False), answer(reloaded, 1, 128, 160)
+    valid = sure["waterline_valid"]
+    assert valid.any()
+    assert (unsure["waterline_slant_std_m"] > sure["waterline_slant_std_m"])[valid].all()
+    torch.testing.assert_close(unsure["waterline_slant_m"], sure["waterline_slant_m"])
+
+
+def test_the_sidecar_explains_every_input_and_output(model, exported):
+    path, _ = exported
+    sidecar = json.loads(export.sidecar_path(path).read_text())
+    reloaded = torch.jit.load(path)
+    assert sidecar["outputs"].keys() == answer(reloaded, 1, 64, 64).keys()
+    names = [argument.name for argument in reloaded.forward.schema.arguments][1:]
+    assert list(sidecar["inputs"]) == names == list(INPUTS)
+    assert sidecar["model"]["trained_image_size_px"] == 320
+    assert sidecar["model"]["score_threshold"] == 0.7
+    assert len(sidecar["keypoint_names"]) == 7
+    assert len(sidecar["sha256"]["weights"]) == len(sidecar["sha256"]["file"]) == 64
+
+
+def test_a_file_that_differs_is_removed(model, tmp_path, monkeypatch):
+    def differ(*modules):
+        raise ValueError("differs")
+
+    monkeypatch.setattr(export, "check_parity", differ)
+    monkeypatch.setattr(export, "DeployedUSVNet", lambda model, score_threshold: nn.ReLU())  # scripts in no time
+    with pytest.raises(ValueError, match="differs"):
+        export.export_torchscript(model, tmp_path / "model.ts")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_difference_is_noticed(model, monkeypatch):
+    deployed, other = DeployedUSVNet(model).eval(), DeployedUSVNet(model).eval()
+    with torch.no_grad():
+        other.model.network.heatmap_head.heatmap[-1].weight.mul_(1.1)
+    with pytest.raises(ValueError, match=r"differs.* px, .* mm at 10 m"):
+        check_parity(model, deployed, other)
+
+    fold = parity.DeployedUSVNet
+
+    def fold_badly(exact):
+        folded = fold(exact)
+        with torch.no_grad():
+            folded.model.network.pose_head.levels[0].box[0].conv.weight.mul_(1.1)
+        return folded
+
+    monkeypatch.setattr(parity, "DeployedUSVNet", fold_badly)
+    with pytest.raises(ValueError, match="differs"):
+        check_parity(model, deployed, deployed)
+
+
+def test_only_torchscript_suffixes(model, tmp_path):
+    with pytest.raises(ValueError, match=r"model\.onnx.*\.ts"):
+        export.export_torchscript(model, tmp_path / "model.onnx")

@@ -1,0 +1,91 @@
+"""Checkpoints load strictly, safely, and say what is wrong in one sentence."""
+
+import hashlib
+
+import pytest
+import torch
+
+from usvnet.checkpoints import load_model, sha256
+from usvnet.model import USVNet
+
+
+@pytest.fixture(scope="module")
+def model():
+    torch.manual_seed(0)
+    return USVNet("n", curved_water=True)
+
+
+@pytest.fixture
+def checkpoint(model):
+    """What training writes, without the optimiser."""
+    weights = {f"model.{name}": value for name, value in model.state_dict().items()}
+    return {"usvnet": {"variant": "n", "curved_water": True}, "state_dict": weights}
+
+
+def save(checkpoint, folder):
+    path = folder / "best.ckpt"
+    torch.save(checkpoint, path)
+    return path
+
+
+def test_the_same_model_comes_back_ready_to_predict(model, checkpoint, tmp_path):
+    loaded = load_model(save(checkpoint, tmp_path), variant="n")
+    assert not loaded.training
+    assert loaded.ranging.curved_water
+    for name, value in model.state_dict().items():
+        torch.testing.assert_close(loaded.state_dict()[name], value, rtol=0, atol=0)
+
+
+def test_missing_file_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"none\.ckpt: no such checkpoint"):
+        load_model(tmp_path / "none.ckpt")
+
+
+@pytest.mark.parametrize("content", [b"", b"boats", b"PK\x03\x04 half a zip"])
+def test_a_file_of_something_else_is_refused(content, tmp_path):
+    path = tmp_path / "photo.ckpt"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"photo\.ckpt: got a file that is not a checkpoint"):
+        load_model(path)
+
+
+def test_a_checkpoint_of_another_program_is_refused(checkpoint, tmp_path):
+    del checkpoint["usvnet"]
+    with pytest.raises(ValueError, match=r"best\.ckpt: got a checkpoint of something else"):
+        load_model(save(checkpoint, tmp_path))
+
+
+def test_another_size_is_refused(checkpoint, tmp_path):
+    with pytest.raises(ValueError, match=r"best\.ckpt: got a checkpoint of size 'n', expected size 's'"):
+        load_model(save(checkpoint, tmp_path), variant="s")
+
+
+def test_a_missing_weight_is_named(checkpoint, tmp_path):
+    name = next(iter(checkpoint["state_dict"]))
+    del checkpoint["state_dict"][name]
+    with pytest.raises(ValueError, match=rf"do not fit.*{name.removeprefix('model.')}"):
+        load_model(save(checkpoint, tmp_path))
+
+
+def test_a_superfluous_weight_is_refused(checkpoint, tmp_path):
+    checkpoint["state_dict"]["model.rudder"] = torch.zeros(1)
+    with pytest.raises(ValueError, match="rudder"):
+        load_model(save(checkpoint, tmp_path))
+
+
+class Trap:
+    """Runs code when it is unpickled."""
+
+    def __reduce__(self):
+        return (pytest.fail, ("the checkpoint ran code",))
+
+
+def test_a_checkpoint_never_runs_code(checkpoint, tmp_path):
+    with pytest.raises(ValueError, match="not a checkpoint"):
+        load_model(save(checkpoint | {"trap": Trap()}, tmp_path))
+
+
+def test_sha256_of_a_file(tmp_path):
+    path = tmp_path / "weights"
+    path.write_bytes(b"bow, stern")
+    assert sha256(path) == hashlib.sha256(b"bow, stern").hexdigest()

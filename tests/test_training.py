@@ -1,0 +1,182 @@
+"""Training learns, ranges teach the first convolution, averages average, and a run goes on where it stopped."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from lightning.pytorch import Trainer
+from torch import nn
+from torch.utils.data import DataLoader
+
+from usvnet.callbacks import LastCheckpoint, MovingAverage
+from usvnet.checkpoints import load_model
+from usvnet.config import LossWeights, OptimiserConfig
+from usvnet.geometry.camera import make_camera, project, stack_cameras
+from usvnet.training import USVModule
+from usvnet.types import NEAREST_WATERLINE, Batch, Boats
+
+SIZE_PX = 96
+CAMERA = make_camera([[90, 0, 47.5], [0, 90, 47.5], [0, 0, 1]], (SIZE_PX, SIZE_PX), height_m=1.5)
+HULL_M = torch.tensor(  # x along the boat, y up, z across
+    [[1.4, 0.8, 0], [0.7, 0.7, 0.5], [0.7, 0.7, -0.5], [1.1, 0, 0], [-1.3, 0.6, 0.5], [-1.3, 0.6, -0.5], [-1.3, 0, 0]]
+)
+
+
+def draw_boat(rng: np.random.Generator) -> tuple[np.ndarray, torch.Tensor, float]:
+    """A dark boat on light water: picture, (7, 2) keypoints and the slant range of its nearer waterline keypoint."""
+    yaw, x, z = rng.uniform(-0.6, 0.6), rng.uniform(-1, 1), rng.uniform(5, 7)
+    c, s = math.cos(yaw), math.sin(yaw)
+    along, up, across = HULL_M.unbind(1)
+    points_m = torch.stack([c * along - s * across + x, 1.5 - up, s * along + c * across + z], dim=1)
+    keypoints_px = project(points_m[None], CAMERA)[0]
+    picture = np.full((SIZE_PX, SIZE_PX, 3), 190, np.uint8)
+    picture[: SIZE_PX // 2] = 235
+    outline = cv2.convexHull(keypoints_px.round().int().numpy())
+    cv2.fillConvexPoly(picture, outline, (60, 30, 30))
+    return picture, keypoints_px, float(points_m[[3, 6]].norm(dim=1).min())
+
+
+def synthetic_batch(pictures: int, seed: int) -> Batch:
+    rng = np.random.default_rng(seed)
+    drawn = [draw_boat(rng) for _ in range(pictures)]
+    keypoints_px = torch.stack([keypoints for _, keypoints, _ in drawn])[:, None]
+    boats = Boats(
+        boxes_px=torch.cat([keypoints_px.amin(2), keypoints_px.amax(2)], dim=-1),
+        keypoints_px=keypoints_px,
+        visibility=torch.full((pictures, 1, 7), 2),
+        present=torch.ones(pictures, 1, dtype=torch.bool),
+        range_m=torch.tensor([[range_m] for _, _, range_m in drawn]),
+        range_std_m=torch.full((pictures, 1), 0.01),
+        reference=torch.full((pictures, 1), NEAREST_WATERLINE),
+    )
+    image = torch.from_numpy(np.stack([picture for picture, _, _ in drawn])).permute(0, 3, 1, 2).float() / 255
+    return Batch(image, stack_cameras([CAMERA] * pictures), boats, torch.arange(pictures))
+
+
+def loader(batches: int, pictures: int, seed: int = 0) -> DataLoader:
+    return DataLoader([synthetic_batch(pictures, seed + n) for n in range(batches)], batch_size=None)
+
+
+def trainer(folder, epochs: int, **settings) -> Trainer:
+    return Trainer(
+        accelerator="cpu",
+        max_epochs=epochs,
+        default_root_dir=folder,
+        logger=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        num_sanity_val_steps=0,
+        gradient_clip_val=10.0,
+        callbacks=[LastCheckpoint(folder)],
+        **settings,
+    )
+
+
+def module(**settings) -> USVModule:
+    torch.manual_seed(0)
+    optimiser = OptimiserConfig(name="AdamW", learning_rate=0.002, momentum=0.9, warmup_epochs=1)
+    return USVModule(**{"optimiser": optimiser, "ema_ramp_steps": 10.0, "ema_decay": 0.9, **settings})
+
+
+def test_a_short_run_learns(tmp_path):
+    batches, unseen = loader(4, pictures=8), loader(1, pictures=8, seed=99)
+    model = module(range_loss_start_epoch=10)
+    run = trainer(tmp_path, epochs=25, check_val_every_n_epoch=5)
+    before = run.validate(model, unseen, verbose=False)[0]
+    run.fit(model, batches, unseen)
+    after = {name: float(value) for name, value in run.callback_metrics.items()}
+    print(before, after)
+    assert before["val/mAP50"] < 0.05
+    assert after["val/mAP50"] > 0.8
+    assert after["val/missed"] == 0
+    assert after["val/range_mae_m"] < 0.5
+
+
+def test_range_alone_teaches_the_first_convolution():
+    weights = LossWeights(box=0, dfl=0, classification=0, keypoint=0, visibility=0, heatmap=0, range=1)
+    model = module(loss_weights=weights, range_loss_start_epoch=0)
+    model.losses(synthetic_batch(2, 0))["total"].backward()
+    first = next(layer for layer in model.model.network.modules() if isinstance(layer, nn.Conv2d))
+    assert first.weight.grad.isfinite().all()
+    assert first.weight.grad.abs().sum() > 0
+
+
+def test_ranges_teach_nothing_before_their_epoch():
+    weights = LossWeights(box=0, dfl=0, classification=0, keypoint=0, visibility=0, heatmap=0, range=1)
+    model = module(loss_weights=weights, range_loss_start_epoch=1)
+    assert model.losses(synthetic_batch(2, 0))["total"] == 0
+
+
+def test_a_range_belongs_to_the_keypoint_it_names():
+    """The same laser reading at the far end of the boat must give another loss than at the nearest point."""
+    batch = synthetic_batch(2, 0)
+    model = module(range_loss_start_epoch=0)
+    losses = []
+    for keypoint in (NEAREST_WATERLINE, 3, 6):
+        boats = batch.boats._replace(reference=torch.full_like(batch.boats.reference, keypoint))
+        torch.manual_seed(0)
+        losses.append(float(model.losses(batch._replace(boats=boats))["range"]))
+    assert losses[1] != losses[2]
+    assert losses[0] != losses[1] or losses[0] != losses[2]
+
+
+@pytest.mark.parametrize("change", ["no boats", "no ranges"])
+def test_empty_batches_train_without_nan(change):
+    batch = synthetic_batch(2, 0)
+    if change == "no boats":
+        boats = batch.boats._replace(present=torch.zeros_like(batch.boats.present))
+    else:
+        boats = batch.boats._replace(range_m=torch.zeros_like(batch.boats.range_m))
+    model = module(range_loss_start_epoch=0)
+    losses = model.losses(batch._replace(boats=boats))
+    losses["total"].backward()
+    assert losses["range"] == 0
+    assert all(p.grad is None or p.grad.isfinite().all() for p in model.parameters())
+
+
+def test_moving_average_by_hand():
+    average = MovingAverage(decay=0.9, ramp_steps=2.0)
+    values, counters = [torch.tensor([1.0, -2.0])], [torch.tensor(3)]
+    average.update(values, [torch.tensor([2.0, 4.0])], updates=4)
+    average.update(counters, [torch.tensor(7)], updates=4)
+    keep = 0.9 * (1 - math.exp(-2))  # 0.77820
+    assert values[0].tolist() == pytest.approx([keep * 1 + (1 - keep) * 2, keep * -2 + (1 - keep) * 4])
+    assert counters[0] == 7
+
+
+@pytest.mark.parametrize("setting", [{"ema_decay": 1.0}, {"ema_ramp_steps": 0.0}])
+def test_an_impossible_average_is_named(setting):
+    with pytest.raises(ValueError, match=next(iter(setting))):
+        module(**setting)
+
+
+def test_a_run_goes_on_where_it_stopped(tmp_path):
+    batches = loader(2, pictures=2)
+    trainer(tmp_path, epochs=1).fit(module(), batches)
+    last = tmp_path / "last.ckpt"
+    model = module()
+    run = trainer(tmp_path, epochs=3)
+    run.fit(model, batches, ckpt_path=last, weights_only=True)
+    assert run.global_step == 6
+    assert torch.load(last, weights_only=True)["epoch"] == 2
+
+
+def test_checkpoints_hold_the_averaged_weights_and_resume_the_raw_ones(tmp_path):
+    batches = loader(3, pictures=2)
+    trainer(tmp_path, epochs=1).fit(module(), batches)
+    checkpoint = torch.load(tmp_path / "last.ckpt", weights_only=True)
+    name = next(name for name in checkpoint["state_dict"] if name.endswith("weight"))
+    average, raw = checkpoint["state_dict"][name], checkpoint["current_model_state"][name]
+    assert not torch.equal(average, raw)
+    loaded = load_model(tmp_path / "last.ckpt")
+    torch.testing.assert_close(loaded.state_dict()[name.removeprefix("model.")], average)
+
+
+def test_a_checkpoint_of_another_size_is_refused(tmp_path):
+    trainer(tmp_path, epochs=1).fit(module(), loader(1, pictures=1))
+    with pytest.raises(ValueError, match="size 'n', expected size 's'"):
+        trainer(tmp_path, epochs=2).fit(
+            module(variant="s"), loader(1, pictures=1), ckpt_path=tmp_path / "last.ckpt", weights_only=True
+        )

@@ -1,0 +1,90 @@
+"""Grey pictures from a glob of photographs, a folder or a video."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from glob import glob
+from pathlib import Path
+
+import cv2
+
+from usvnet.geometry.chessboard import Grey
+
+PICTURE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
+VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg"}
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Named grey pictures, read one at a time; can be gone through more than once."""
+
+    files: tuple[Path, ...]
+    every_n_frames: int = 0
+    """0 for photographs, else the step through the only file, a video."""
+
+    @property
+    def is_video(self) -> bool:
+        """Whether the pictures are frames of a video."""
+        return self.every_n_frames > 0
+
+    def __len__(self) -> int:
+        """Return the number of pictures (of a video: what its header says)."""
+        if not self.is_video:
+            return len(self.files)
+        frames = int(self._open_video().get(cv2.CAP_PROP_FRAME_COUNT))
+        return max(0, -(-frames // self.every_n_frames))
+
+    def __iter__(self) -> Iterator[tuple[str, Grey]]:
+        """Yield (name, (H, W) uint8), or raise ValueError naming the file that cannot be read."""
+        if self.is_video:
+            yield from self._frames()
+            return
+        for file in self.files:
+            grey = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+            if grey is None:
+                raise ValueError(f"{file}: not a picture that can be read")
+            yield file.name, grey
+
+    def _open_video(self) -> cv2.VideoCapture:
+        video = cv2.VideoCapture(str(self.files[0]))
+        if not video.isOpened():
+            raise ValueError(f"{self.files[0]}: not a video that can be read")
+        return video
+
+    def _frames(self) -> Iterator[tuple[str, Grey]]:
+        video = self._open_video()
+        number = 0
+        while video.grab():
+            if number % self.every_n_frames == 0:
+                readable, frame = video.retrieve()
+                if readable:
+                    yield f"frame {number}", cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+            number += 1
+        video.release()
+
+
+def open_pictures(source: str, every_n_frames: int) -> Pictures:
+    """Photographs by a glob, all photographs of a folder, or every n-th frame of a video file.
+
+    Raises:
+        FileNotFoundError: nothing there.
+        ValueError: ``every_n_frames`` below 1, or a video among several files.
+    """
+    if every_n_frames < 1:
+        raise ValueError(f"every_n_frames must be at least 1, got {every_n_frames}")
+    path = Path(source).expanduser()
+    if path.is_dir():
+        files = [file for file in path.iterdir() if file.suffix.lower() in PICTURE_SUFFIXES]
+    elif path.is_file():
+        files = [path]
+    else:
+        matches = glob(str(path), recursive=True)  # noqa: PTH207 - a pattern may be absolute, which Path.glob refuses
+        files = [Path(match) for match in matches if Path(match).is_file()]
+    if not files:
+        what = "no pictures in the folder" if path.is_dir() else "no file matches"
+        raise FileNotFoundError(f"{what} {source!r}")
+    videos = [file for file in files if file.suffix.lower() in VIDEO_SUFFIXES]
+    if videos and len(files) > 1:
+        raise ValueError(
+            f"{source!r} matches {len(files)} files, {videos[0]} among them: give one video or only photos"
+        )
+    return Pictures(tuple(sorted(files)), every_n_frames if videos else 0)

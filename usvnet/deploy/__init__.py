@@ -1,0 +1,1 @@
+"""Taking a trained model away: to C++, to another Python, to a robot."""

@@ -1,0 +1,133 @@
+"""The form in which a model leaves the house: plain tensors in, named tensors out, nothing left to train."""
+
+import copy
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+from usvnet.model import USVNet
+from usvnet.network.blocks import Conv
+from usvnet.types import Camera, RangeEstimate
+
+INPUTS = {
+    "image": "(B, 3, H, W) float32, RGB in [0, 1], no mean subtracted; any H and W",
+    "K": "(B, 3, 3) pinhole matrix of this very picture, pixels; a pixel's centre is an integer",
+    "distortion": "(B, 5) plumb-bob coefficients k1, k2, p1, p2, k3",
+    "height_m": "(B,) optical centre above mean water",
+    "pitch_rad": "(B,) optical axis below the horizontal",
+    "roll_rad": "(B,) camera turned clockwise, seen from behind it",
+    "camera_std": "(B, 4) standard deviations of focal length (px), height (m), pitch (rad), roll (rad); may be left "
+    "out, and the ranges' standard deviations then count the keypoints' alone",
+}
+OUTPUTS = {
+    "boxes_px": "(B, N, 4) x1, y1, x2, y2",
+    "scores": "(B, N) in [0, 1], best first",
+    "present": "(B, N) bool, True where the score reaches the exported threshold: the others are not to be used",
+    "keypoints_px": "(B, N, 7, 2) u, v",
+    "keypoint_covariance_px2": "(B, N, 7, 2, 2)",
+    "visibility": "(B, N, 7) probability that the keypoint is seen",
+}
+ESTIMATORS = {
+    "box_bottom": "the bottom centre of the box",
+    "waterline": "the waterline keypoint nearest to the camera",
+}
+ESTIMATES = {
+    "slant_m": "(B, N) straight line from the camera, inf where not valid",
+    "slant_std_m": "(B, N) one standard deviation of it",
+    "horizontal_m": "(B, N) along the water",
+    "bearing_rad": "(B, N) clockwise from the optical axis, seen from above",
+    "position_m": "(B, N, 3) right, down and forward in the level frame",
+    "valid": "(B, N) bool, False at or above the horizon",
+}
+"""What there is for each estimator, named ``<estimator>_<estimate>``."""
+
+SIZE_MULTIPLE = 32
+GREY = 114 / 255
+"""What training fills margins with."""
+
+
+class DeployedUSVNet(nn.Module):
+    """A trained :class:`USVNet` for inference, behind an interface of plain tensors.
+
+    Batch normalisation is folded into the convolutions, weights are channels_last and pictures of any size are filled
+    up at the right and at the bottom, where it moves neither pixels nor camera. The N best candidates are always
+    returned, ``present`` tells which reach the score threshold: a user may set another one later.
+
+    Args:
+        model: left as it is.
+        score_threshold: lowest score that counts as a boat.
+    """
+
+    def __init__(self, model: USVNet, score_threshold: float = 0.25) -> None:
+        super().__init__()
+        model = copy.deepcopy(model).eval().requires_grad_(False)
+        fold_norms(model)
+        model.score_threshold = 0.0
+        self.model = model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.score_threshold = score_threshold
+
+    def forward(
+        self,
+        image: Tensor,
+        K: Tensor,
+        distortion: Tensor,
+        height_m: Tensor,
+        pitch_rad: Tensor,
+        roll_rad: Tensor,
+        camera_std: Tensor | None = None,
+    ) -> dict[str, Tensor]:
+        """Find and range the boats in B pictures; see :data:`INPUTS`, :data:`OUTPUTS` and :data:`ESTIMATES`."""
+        batch, height, width = image.shape[0], image.shape[2], image.shape[3]
+        if camera_std is None:
+            camera_std = torch.zeros([batch, 4], dtype=K.dtype, device=K.device)
+        camera = Camera(
+            K=K,
+            distortion=distortion,
+            size_px=torch.tensor([width, height], dtype=K.dtype, device=K.device).expand(batch, 2),
+            height_m=height_m,
+            pitch_rad=pitch_rad,
+            roll_rad=roll_rad,
+            focal_std_px=camera_std[:, 0],
+            height_std_m=camera_std[:, 1],
+            pitch_std_rad=camera_std[:, 2],
+            roll_std_rad=camera_std[:, 3],
+        )
+        prediction = self.model(fill_up(image).contiguous(memory_format=torch.channels_last), camera)
+        named = {
+            "boxes_px": prediction.boxes_px,
+            "scores": prediction.scores,
+            "present": prediction.present & (prediction.scores >= self.score_threshold),
+            "keypoints_px": prediction.keypoints_px,
+            "keypoint_covariance_px2": prediction.keypoint_covariance_px2,
+            "visibility": prediction.visibility,
+        }
+        add_estimate(named, "box_bottom", prediction.box_bottom)
+        add_estimate(named, "waterline", prediction.waterline)
+        return named
+
+
+def fill_up(image: Tensor, multiple: int = SIZE_MULTIPLE, value: float = GREY) -> Tensor:
+    """Grow pictures (B, 3, H, W) at the right and at the bottom to multiples of 32."""
+    right = (multiple - image.shape[3] % multiple) % multiple
+    bottom = (multiple - image.shape[2] % multiple) % multiple
+    return functional.pad(image, [0, right, 0, bottom], value=value)
+
+
+def add_estimate(named: dict[str, Tensor], estimator: str, estimate: RangeEstimate) -> None:
+    """Add every field of ``estimate`` under its name."""
+    named[estimator + "_slant_m"] = estimate.slant_m
+    named[estimator + "_slant_std_m"] = estimate.slant_std_m
+    named[estimator + "_horizontal_m"] = estimate.horizontal_m
+    named[estimator + "_bearing_rad"] = estimate.bearing_rad
+    named[estimator + "_position_m"] = estimate.position_m
+    named[estimator + "_valid"] = estimate.valid
+
+
+def fold_norms(model: nn.Module) -> None:
+    """Fold every batch normalisation into its convolution, in place; the model must be in evaluation mode."""
+    for block in model.modules():
+        if isinstance(block, Conv):
+            block.conv = fuse_conv_bn_eval(block.conv, block.norm)
+            block.norm = nn.Identity()  # type: ignore[assignment]

@@ -1,0 +1,143 @@
+"""Does the exported file say what the model said? Compared at two picture sizes and two batch sizes.
+
+In two steps, since a choice between two equal scores may tip by one rounding error, which is no error of the export:
+the network with folded normalisation against the model, in double precision and before anything is chosen; then the
+whole chain read from the file against the same chain in memory, in the precision of use.
+"""
+
+import copy
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from usvnet.deploy.deployed import ESTIMATORS, DeployedUSVNet
+from usvnet.heatmap import HEATMAP_STRIDE, SIGMA_CELLS, decode
+from usvnet.model import USVNet
+from usvnet.types import Camera
+
+BATCH_AND_SIZE_PX = ((1, 96, 128), (2, 96, 128), (1, 192, 160), (2, 192, 160))
+"""Batch, height and width of the pictures compared."""
+TOLERANCE_PX = 0.01
+TOLERANCE_M = 0.001
+"""At 10 m. A pixel's worth of range grows with the square of the range, and so does what is tolerated."""
+TOLERANCE_REST = 1e-4
+"""Relative or absolute, for scores and everything else."""
+REFERENCE_RANGE_M = 10.0
+
+
+class Parity(NamedTuple):
+    """The greatest differences found."""
+
+    px: float
+    """Of boxes and keypoints."""
+    m_at_10_m: float
+    """Of slant ranges, scaled to 10 m."""
+    rest: float
+    """Of everything else, relative above 1."""
+
+
+def check_parity(model: USVNet, deployed: DeployedUSVNet, reloaded: nn.Module) -> Parity:
+    """Compare a file with the model that it was made from.
+
+    Args:
+        model: as trained, in evaluation mode.
+        deployed: the module that was scripted, made from ``model``.
+        reloaded: what was read back from the file.
+
+    Raises:
+        ValueError: out of tolerance, with the figures.
+    """
+    generator = torch.Generator().manual_seed(0)
+    exact = copy.deepcopy(model).double()
+    folded = DeployedUSVNet(exact).model
+    worst = Parity(0.0, 0.0, 0.0)
+    with torch.inference_mode():
+        for batch, height, width in BATCH_AND_SIZE_PX:
+            coarse = torch.rand((batch, 3, height // 16, width // 16), generator=generator)
+            image = functional.interpolate(coarse, (height, width), mode="bicubic").clamp(0, 1)
+            camera = probe_camera(batch, height, width)
+            for found in (
+                compare_networks(exact, folded, image.double(), camera),
+                compare_chains(deployed, reloaded, image, camera),
+            ):
+                worst = Parity(*[max(a, b) for a, b in zip(worst, found)])
+    if not (worst.px <= TOLERANCE_PX and worst.m_at_10_m <= TOLERANCE_M and worst.rest <= TOLERANCE_REST):
+        raise ValueError(
+            f"the exported model differs from its checkpoint by {worst.px:.3g} px, {1000 * worst.m_at_10_m:.3g} mm at "
+            f"10 m and {worst.rest:.3g} elsewhere, expected at most {TOLERANCE_PX} px, {1000 * TOLERANCE_M:g} mm and "
+            f"{TOLERANCE_REST:g}"
+        )
+    return worst
+
+
+def probe_camera(batch: int, height: int, width: int) -> Camera:
+    """B slightly different cameras with every number other than 0."""
+    one = torch.ones(batch)
+    focal = 1.2 * width
+    K = torch.tensor([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+    return Camera(
+        K=K.expand(batch, 3, 3),
+        distortion=torch.tensor([-0.1, 0.02, 0.001, -0.001, 0.0]).expand(batch, 5),
+        size_px=torch.tensor([float(width), float(height)]).expand(batch, 2),
+        height_m=1.5 * one,
+        pitch_rad=0.1 + 0.02 * torch.arange(batch),
+        roll_rad=0.03 * one,
+        focal_std_px=0.5 * one,
+        height_std_m=0.02 * one,
+        pitch_std_rad=0.002 * one,
+        roll_std_rad=0.002 * one,
+    )
+
+
+def compare_networks(model: USVNet, folded: USVNet, image: Tensor, camera: Camera) -> Parity:
+    """Difference of all anchors' boxes, keypoints, scores and ranges, and of the heatmaps' centres of mass."""
+    answers = []
+    for one in (model, folded):
+        output = one.network(image)
+        height, width = output.heatmap_logits.shape[2:]
+        whole_map = max(height, width)  # a window this wide holds every cell wherever it is put: nothing is chosen
+        centre = torch.zeros(len(image), 1, output.heatmap_logits.shape[1], 2)
+        points, _ = decode(output.heatmap_logits, centre, HEATMAP_STRIDE, whole_map, SIGMA_CELLS)
+        covariance = torch.eye(2).expand(*output.keypoints_px.shape, 2)
+        ranges = one.ranging(output.keypoints_px, covariance, output.boxes_px, camera)
+        answers.append((output, points, ranges))
+    (output_a, points_a, ranges_a), (output_b, points_b, ranges_b) = answers
+    return Parity(
+        px=max(
+            difference(output_a.boxes_px, output_b.boxes_px),
+            difference(output_a.keypoints_px, output_b.keypoints_px),
+            difference(points_a, points_b),
+        ),
+        m_at_10_m=max(range_difference(a.slant_m, b.slant_m) for a, b in zip(ranges_a, ranges_b)),
+        rest=difference(output_a.class_logits.sigmoid(), output_b.class_logits.sigmoid()),
+    )
+
+
+def compare_chains(deployed: DeployedUSVNet, reloaded: nn.Module, image: Tensor, camera: Camera) -> Parity:
+    """Difference of everything that the whole chain answers, in memory and from the file."""
+    std = torch.stack([camera.focal_std_px, camera.height_std_m, camera.pitch_std_rad, camera.roll_std_rad], -1)
+    inputs = (image, camera.K, camera.distortion, camera.height_m, camera.pitch_rad, camera.roll_rad, std)
+    expected, got = deployed(*inputs), reloaded(*inputs)
+    pixels = ("boxes_px", "keypoints_px")
+    ranges = tuple(f"{estimator}_slant_m" for estimator in ESTIMATORS)
+    return Parity(
+        px=max(difference(expected[name], got[name]) for name in pixels),
+        m_at_10_m=max(range_difference(expected[name], got[name]) for name in ranges),
+        rest=max(difference(expected[name], got[name], relative=True) for name in expected.keys() - {*pixels, *ranges}),
+    )
+
+
+def difference(a: Tensor, b: Tensor, relative: bool = False) -> float:
+    """Greatest absolute difference of the elements, divided by their size above 1 where ``relative``."""
+    a, b = a.double(), b.double()
+    gap = torch.where(a == b, 0.0, (a - b).abs())  # two infinities are equal
+    return float((gap / a.abs().clamp(min=1.0) if relative else gap).nan_to_num(nan=torch.inf).max())
+
+
+def range_difference(a_m: Tensor, b_m: Tensor) -> float:
+    """Greatest difference of slant ranges, scaled to 10 m; a ray on the horizon may have a range in one only."""
+    both = a_m.isfinite() & b_m.isfinite()
+    scale = (REFERENCE_RANGE_M / a_m[both].clamp(min=REFERENCE_RANGE_M)).square()
+    return float(((a_m[both] - b_m[both]).abs() * scale).max()) if bool(both.any()) else 0.0
