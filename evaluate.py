@@ -20,16 +20,13 @@ OF_TRAINING = (
 
 def main() -> None:
     """Score a checkpoint on a split of the configuration's dataset."""
-    from usvnet.data.datamodule import (
-        BoatDataModule,
-    )  # after run_program, so that Ctrl-C while importing is handled too
+    # imported after run_program has begun, so that Ctrl-C while importing is handled too
+    from usvnet.data.datamodule import BoatDataModule
     from usvnet.evaluation.evaluator import evaluate_checkpoint
     from usvnet.training_cli import OneLineParser, quiet
 
     quiet()
-    parser = OneLineParser(
-        description="Score a trained usvnet: tables, metrics.json, predictions and overlay pictures."
-    )
+    parser = OneLineParser(description="Score a trained usvnet: predictions, tables, metrics.json, overlay pictures.")
     parser.add_argument("--config", action="config", help="the configuration that trained it")
     parser.add_argument("--checkpoint", type=str, required=True, help="written by train.py")
     parser.add_argument("--split", type=str, default="test", help="train, val or test")
@@ -41,7 +38,7 @@ def main() -> None:
         parser.add_argument(f"--{key}", type=Any, help=SUPPRESS)
     settings = parser.parse_args()
     settings.data.augmentation = None  # also where the training split is scored
-    data = BoatDataModule(**settings.data)
+    data: BoatDataModule = parser.instantiate(settings).data
     evaluate_checkpoint(
         settings.checkpoint,
         data.dataset(settings.split),

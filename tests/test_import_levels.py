@@ -14,7 +14,7 @@ LEVELS = [
     {"geometry", "heatmap"},
     {"network", "losses", "data", "simulator", "metrics"},
     {"model"},
-    {"checkpoints", "optimiser"},
+    {"checkpoints", "optimiser", "visualize"},
     {"deploy", "evaluation"},
     {"callbacks"},
     {"training"},

@@ -98,7 +98,7 @@ class Batch(NamedTuple):
     camera: Camera
     """The camera of each picture *as it is in the batch* (letterboxed, augmented)."""
     boats: Boats
-    index: Tensor
+    frame_index: Tensor
     """(B,) int64 position in the dataset."""
 
 

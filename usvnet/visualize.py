@@ -187,7 +187,7 @@ def _inset(
 
 def _draw_boat(canvas: Picture, boat: BoatDrawing, unit: float) -> None:
     length_px = float(np.hypot(*(boat.box_px[2:] - boat.box_px[:2])))
-    radius = float(np.clip(0.025 * length_px, 2.2 * unit, 4.5 * unit))
+    radius = float(np.clip(0.025 * length_px, 2.5 * unit, 4.5 * unit))
     thin, thick = max(1, round(1.4 * unit)), max(1, round(2.2 * unit))
     _corners(canvas, boat.box_px, length_px, INK, thick + 2)
     _corners(canvas, boat.box_px, length_px, WHITE, thick)
@@ -203,8 +203,9 @@ def _draw_boat(canvas: Picture, boat: BoatDrawing, unit: float) -> None:
             _ellipse(canvas, boat.keypoints_px[k], boat.covariance_px2[k], KEYPOINT_COLOURS[k], thin)
     for k in points:
         point, colour = boat.keypoints_px[k], KEYPOINT_COLOURS[k]
-        _disc(canvas, point, radius + 1.2 * unit, INK)
-        _disc(canvas, point, radius, colour, -1 if boat.seen[k] else thin)
+        size = radius if boat.seen[k] else radius + unit  # a ring needs room for its hole
+        _disc(canvas, point, size + 1.2 * unit, INK)
+        _disc(canvas, point, size, colour, -1 if boat.seen[k] else thin)
 
 
 def _corners(canvas: Picture, box_px: FloatArray, length_px: float, colour: Colour, thickness: int) -> None:

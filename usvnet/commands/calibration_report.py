@@ -134,7 +134,7 @@ def _draw_views(axes: Axes, result: CalibrationResult, scale: ScalarMappable) ->
     axes.axhline(result.rms_px, color=INK, linewidth=1, linestyle="dashed")
     axes.set(ylim=(0, shown), ylabel="RMS error (px)", title="Error of each view (dashed: all views)")
     every = max(1, len(names) // 20)
-    axes.set_xticks(range(0, len(names), every), names[::every], rotation=90, fontsize=7)
+    axes.set_xticks(range(0, len(names), every), [name[-18:] for name in names[::every]], rotation=90, fontsize=7)
     axes.title.set_fontsize(10)
 
 

@@ -27,8 +27,9 @@ def check_data(directory: str, *, output: str = "labels.png") -> None:
     frames, faults = check_dataset(Path(directory), partial(track, description="pictures", console=console))
     for table in (split_table(frames), scene_table(frames), camera_table(frames), size_table(frames)):
         console.print(table)
-    draw_labels([frame for split in frames.values() for frame in split], Path(output))
-    console.print(f"label statistics: {output}", markup=False, soft_wrap=True)
+    if any(frames.values()):
+        draw_labels([frame for split in frames.values() for frame in split], Path(output))
+        console.print(f"label statistics: {output}", markup=False, soft_wrap=True)
     for fault in faults:
         console.print(f"fault: {fault}", markup=False, highlight=False, soft_wrap=True)
     if faults:

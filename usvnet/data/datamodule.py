@@ -78,7 +78,7 @@ class BoatDataModule(LightningDataModule):
         return self._datasets[split]
 
     def frames(self, split: str) -> list[Frame]:
-        """Give the frames of a split; a batch's ``index`` counts in this list."""
+        """Give the frames of a split; a batch's ``frame_index`` counts in this list."""
         return self.dataset(split).frames
 
     def train_dataloader(self) -> DataLoader[Sample]:

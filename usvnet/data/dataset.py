@@ -131,5 +131,5 @@ def collate(samples: list[Sample]) -> Batch:
         image=pictures.permute(0, 3, 1, 2).float().div_(255),  # of interleaved pixels: channels_last in memory
         camera=stack_cameras([frame.camera for frame in frames]),
         boats=boats,
-        index=torch.tensor([sample.index for sample in samples]),
+        frame_index=torch.tensor([sample.index for sample in samples]),
     )

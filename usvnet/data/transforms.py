@@ -102,7 +102,7 @@ def warp(picture: Picture, A: Affine, size_px: tuple[int, int]) -> Picture:
     Fine detail would turn into false detail in a picture that shrinks, so it is first halved by averaging while it has
     to shrink by two or more, and then blurred for what is left (Gaussian, of the deviation that the coarser grid asks).
     """
-    while A[0, 0] <= 0.5 and A[1, 1] <= 0.5:
+    while max(A[0, 0], A[1, 1]) < 0.51:  # a little more than a half: rounded sizes scale one side by 0.5003
         height, width = picture.shape[:2]
         half_px = ((width + 1) // 2, (height + 1) // 2)
         picture = cv2.resize(picture, half_px, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)

@@ -112,7 +112,7 @@ def _predict(model: USVNet, dataset: BoatDataset, batch_size: int) -> Iterator[P
         image = batch.image.to(device, memory_format=torch.channels_last)
         with torch.inference_mode():
             prediction = model(image, camera_to(batch.camera, device))
-        indices = batch.index.tolist()
+        indices = batch.frame_index.tolist()
         letterbox = torch.stack([dataset.letterbox_matrix(index) for index in indices])
         for index, boats in zip(indices, to_records(prediction, letterbox)):
             yield PicturePrediction(dataset.frames[index].name, boats)

@@ -65,7 +65,8 @@ def test_tables_that_contradict_each_other_are_refused(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("header", "words"), [("image,range_m,refrence", "unknown column 'refrence'"), ("image,range", "expected image and")]
+    ("header", "words"),
+    [("image,range_m,refrence", "unknown column 'refrence'"), ("image,range", "expected image and")],
 )
 def test_a_wrong_header_is_named(tmp_path: Path, header: str, words: str):
     (tmp_path / "ranges.csv").write_text(f"{header}\n")

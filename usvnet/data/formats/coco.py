@@ -1,18 +1,18 @@
 """COCO keypoints JSON: all pictures and boats of a split in one file.
 
-COCO leaves half a pixel open. We read it as labelling tools write it, the same number that they divide by the picture's
-width for YOLO: pixel i covers [i, i + 1), so u = x - 0.5 for keypoints and for the corners of boxes. (The people
-of the original COCO set were marked in whole pixel numbers instead.) The two formats of one tool then agree.
+COCO leaves half a pixel open. We read it as labelling tools write it, the number that they divide by the picture's
+width for YOLO: u = x - 0.5 (:mod:`usvnet.data.formats.fractions`), so that the two formats of one tool agree. (The
+people of the original COCO set were marked in whole pixel numbers instead.)
 """
 
 import json
-import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from usvnet.data.formats.fractions import from_boat, to_boat
 from usvnet.data.records import Faults, Frame, Labels
 from usvnet.files import atomic_write
 from usvnet.types import KEYPOINT_NAMES, NUM_KEYPOINTS
@@ -76,25 +76,15 @@ def _parse(annotation: dict[str, Any], size_px: tuple[int, int]) -> Labels:
         raise ValueError(f"bbox of {box.size} numbers, expected x, y, width, height")
     if values.shape != (3 * NUM_KEYPOINTS,):
         raise ValueError(f"{values.size} keypoint values ({values.size / 3:g} keypoints), expected {3 * NUM_KEYPOINTS}")
-    points = values.reshape(NUM_KEYPOINTS, 3)
-    if not (np.isfinite(box).all() and np.isfinite(values).all()):
-        raise ValueError("a coordinate is not finite")
-    if (box[2:] <= 0).any():
-        raise ValueError(f"bbox of width {box[2]:g} and height {box[3]:g}, expected both above 0")
-    if not np.isin(points[:, 2], (0, 1, 2)).all():
-        raise ValueError(f"visibilities {points[:, 2].tolist()}, expected 0, 1 or 2")
-    seen = points[points[:, 2] > 0, :2]
-    if (seen < -1).any() or (seen > np.array(size_px) + 1).any():
-        raise ValueError(f"a keypoint lies outside the picture of {size_px[0]} x {size_px[1]}")
-    corners = np.concatenate((box[:2], box[:2] + box[2:])) - 0.5
-    return Labels(corners[None], points[None, :, :2] - 0.5, points[None, :, 2].astype(np.int64))
+    box[:2] += box[2:] / 2
+    return to_boat(box / np.tile(size_px, 2), values.reshape(NUM_KEYPOINTS, 3) / (*size_px, 1), size_px)
 
 
 def write_coco(frames: Iterable[Frame], path: Path) -> None:
     """Write the labels of frames as one COCO file: the inverse of :func:`read_coco`.
 
     Raises:
-        ValueError: a coordinate is not finite, which JSON cannot say.
+        ValueError: a coordinate is not finite.
     """
     category = {"id": 1, "name": "usv", "supercategory": "boat", "keypoints": list(KEYPOINT_NAMES), "skeleton": []}
     images: list[dict[str, Any]] = []
@@ -102,21 +92,20 @@ def write_coco(frames: Iterable[Frame], path: Path) -> None:
     for frame in frames:
         width, height = frame.size_px
         images.append({"id": len(images) + 1, "file_name": frame.name, "width": width, "height": height})
-        for box, points, visibility in zip(*frame.labels):
-            low, extent = box[:2] + 0.5, box[2:] - box[:2]
-            triples = [[u + 0.5, v + 0.5, int(seen)] for (u, v), seen in zip(points.tolist(), visibility)]
-            if not math.isfinite(float(np.sum(box) + np.sum(points))):
-                raise ValueError(f"a label of {frame.name} is not finite, it cannot be written")
+        for i in range(len(frame.boxes_px)):
+            box, points = from_boat(frame.labels.boat(i), frame.size_px)
+            centre_x, centre_y, wide, high = (box * np.tile(frame.size_px, 2)).tolist()
+            keypoints = [[x, y, int(visibility)] for x, y, visibility in (points * (*frame.size_px, 1)).tolist()]
             annotations.append(
                 {
                     "id": len(annotations) + 1,
                     "image_id": len(images),
                     "category_id": 1,
                     "iscrowd": 0,
-                    "bbox": [*low.tolist(), *extent.tolist()],
-                    "area": float(extent.prod()),
-                    "keypoints": [number for triple in triples for number in triple],
-                    "num_keypoints": int((visibility > 0).sum()),
+                    "bbox": [centre_x - wide / 2, centre_y - high / 2, wide, high],
+                    "area": wide * high,
+                    "keypoints": [number for keypoint in keypoints for number in keypoint],
+                    "num_keypoints": int((points[:, 2] > 0).sum()),
                 }
             )
     with atomic_write(path) as temporary:

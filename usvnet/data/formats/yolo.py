@@ -1,7 +1,7 @@
 """Ultralytics YOLO-pose: ``data.yaml`` and one text file of boats per picture.
 
-A line is ``class cx cy w h`` and seven times ``x y v``, divided by the picture's width and height. YOLO counts pixel i
-as [i, i + 1), we call its centre i: u = width * x - 0.5, for keypoints and for the corners of boxes alike.
+A line is ``class cx cy w h`` and seven times ``x y v``, as fractions of the picture
+(:mod:`usvnet.data.formats.fractions`).
 """
 
 from collections.abc import Iterable
@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from usvnet.data.formats.fractions import from_boat, to_boat
 from usvnet.data.records import SPLITS, Faults, Frame, Labels
 from usvnet.files import atomic_write
 from usvnet.types import FLIP_INDEX, KEYPOINT_NAMES, NUM_KEYPOINTS
 
-TOLERANCE = 1e-3
-"""How far a normalised coordinate may lie outside [0, 1]: rounding, not a mistake."""
 VALUES_A_LINE = 5 + 3 * NUM_KEYPOINTS
 
 
@@ -82,26 +81,9 @@ def parse_line(line: str, size_px: tuple[int, int]) -> Labels:
         values = np.array([float(word) for word in words])
     except ValueError:
         raise ValueError(f"'{' '.join(words)}' holds something that is not a number") from None
-    if not np.isfinite(values).all():
-        column = int(np.flatnonzero(~np.isfinite(values))[0])
-        raise ValueError(f"value {column + 1} is {words[column]}, expected a finite number")
     if values[0] != 0:
         raise ValueError(f"class {words[0]}, expected 0 (the only class)")
-    points = values[5:].reshape(NUM_KEYPOINTS, 3)
-    visibility = points[:, 2]
-    for name, value in zip(KEYPOINT_NAMES, visibility):
-        if value not in (0, 1, 2):
-            raise ValueError(f"visibility of {name} is {value:g}, expected 0, 1 or 2")
-    centre, extent = values[1:3], values[3:5]
-    if (extent <= 0).any():
-        raise ValueError(f"box of width {words[3]} and height {words[4]}, expected both above 0")
-    for what, pair in [("box centre", centre), ("box size", extent), *zip(KEYPOINT_NAMES, points[:, :2])]:
-        labelled = what not in KEYPOINT_NAMES or visibility[KEYPOINT_NAMES.index(what)] > 0
-        if labelled and (np.abs(pair - 0.5) > 0.5 + TOLERANCE).any():
-            raise ValueError(f"{what} at ({pair[0]:g}, {pair[1]:g}), expected 0 to 1 of the picture")
-    size = np.array(size_px, float)
-    corners = np.concatenate((centre - extent / 2, centre + extent / 2)) * np.tile(size, 2) - 0.5
-    return Labels(corners[None], (points[:, :2] * size - 0.5)[None], visibility.astype(np.int64)[None])
+    return to_boat(values[1:5], values[5:].reshape(NUM_KEYPOINTS, 3), size_px)
 
 
 def read_label(path: Path, size_px: tuple[int, int], faults: Faults) -> Labels:
@@ -124,13 +106,8 @@ def read_label(path: Path, size_px: tuple[int, int], faults: Faults) -> Labels:
 
 def format_line(boat: Labels, size_px: tuple[int, int]) -> str:
     """Write the labels of one boat as a line: the inverse of :func:`parse_line`, to 1e-9 of the picture."""
-    size = np.array(size_px, float)
-    low, high = (boat.boxes_px[0].reshape(2, 2) + 0.5) / size
-    points = np.column_stack(((boat.keypoints_px[0] + 0.5) / size, boat.visibility[0]))
-    values = np.concatenate(([0], (low + high) / 2, high - low, points.ravel()))
-    if not np.isfinite(values).all():
-        raise ValueError(f"a label to be written is not finite: {values.tolist()}")
-    return " ".join(f"{value:.9f}".rstrip("0").rstrip(".") for value in values)
+    box, points = from_boat(boat, size_px)
+    return " ".join(f"{value:.9f}".rstrip("0").rstrip(".") for value in (0, *box, *points.ravel()))
 
 
 def write_yolo(frames: Iterable[Frame], folder: Path) -> None:

@@ -1,0 +1,83 @@
+"""The command ``python evaluate.py``: reads training's configurations and says in one line what is wrong."""
+
+import json
+import runpy
+import sys
+
+import pytest
+import torch
+
+from usvnet.model import USVNet
+
+
+@pytest.fixture
+def run(monkeypatch, root):
+    """Run the script with arguments from the repository's root."""
+
+    def run(*arguments):
+        monkeypatch.chdir(root)
+        monkeypatch.setattr(sys, "argv", ["evaluate.py", *map(str, arguments)])
+        runpy.run_path(str(root / "evaluate.py"), run_name="__main__")
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    """A network that has learnt nothing."""
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("run") / "checkpoints" / "best.ckpt"
+    path.parent.mkdir()
+    weights = {f"model.{name}": value for name, value in USVNet("n").state_dict().items()}
+    torch.save({"usvnet": {"variant": "n", "curved_water": False}, "state_dict": weights}, path)
+    return path
+
+
+def test_a_training_configuration_evaluates_a_checkpoint(run, root, checkpoint, capsys):
+    config = root / "configs" / "experiment" / "sixscenes.yaml"
+    arguments = ["--config", config, "--checkpoint", checkpoint, "--data.root", root / "data" / "sample"]
+    run(*arguments, "--data.image_size", 64)
+    output = checkpoint.parents[1] / "evaluation" / "best_test"
+    metrics = json.loads((output / "metrics.json").read_text())
+    assert metrics["pictures"] == 24
+    assert metrics["ranges"]["overall"]["waterline"]["n"] + metrics["ranges"]["overall"]["waterline"]["missed"] == 24
+    assert len(list((output / "overlays").iterdir())) == 6
+    shown = capsys.readouterr().out
+    assert "Slant range by scene" in shown
+    assert "paper: YOLO11m-pose" in shown
+
+    with pytest.raises(SystemExit) as stopped:  # another size is another prediction
+        run(*arguments, "--data.image_size", 96)
+    assert stopped.value.code == 2
+    assert "made with image_size [64, 64], not [96, 96]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (["--checkpoint", "none.ckpt"], "none.ckpt: no such checkpoint file"),
+        (["--split", "holiday"], "no split 'holiday'"),
+        (["--data.rot", "x"], "rot"),
+        (["--data.image_size", "100"], "image_size is 100, expected a multiple of 32"),
+        (["--data.root", "nowhere"], "nowhere"),
+        (["--range_confidence", "25"], "range_confidence: got 25"),
+        (["--config", "none.yaml"], "none.yaml"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(run, root, checkpoint, capsys, tmp_path, changes, message):
+    with pytest.raises(SystemExit) as stopped:
+        run("--checkpoint", checkpoint, "--data.root", root / "data" / "sample", "--output", tmp_path, *changes)
+    assert stopped.value.code == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_every_experiment_is_understood(run, root, capsys):
+    experiments = sorted((root / "configs" / "experiment").glob("*.yaml"))
+    assert experiments
+    for config in experiments:
+        with pytest.raises(SystemExit):
+            run("--config", config, "--checkpoint", "none.ckpt", "--data.root", root / "data" / "sample")
+        assert "no such checkpoint" in capsys.readouterr().err
