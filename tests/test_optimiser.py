@@ -97,7 +97,11 @@ def test_a_schedule_goes_on_from_its_state():
 
 @pytest.mark.parametrize(
     ("setting", "key"),
-    [({"learning_rate": 0.0}, "learning_rate"), ({"momentum": 1.5}, "momentum"), ({"weight_decay": -1.0}, "weight_decay")],
+    [
+        ({"learning_rate": 0.0}, "learning_rate"),
+        ({"momentum": 1.5}, "momentum"),
+        ({"weight_decay": -1.0}, "weight_decay"),
+    ],
 )
 def test_impossible_settings_are_named(setting, key):
     with pytest.raises(ValueError, match=key):

@@ -5,16 +5,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.callbacks import LearningRateMonitor, ModelCheckpoint, WeightAveraging
 from lightning.pytorch.loggers import TensorBoardLogger
 from torch import Tensor
 
+from usvnet.evaluation.overlay import draw_boat
 from usvnet.evaluation.records import RANGE_CONFIDENCE, BoatRecord, TruthRecord, match_boats, to_records, to_truths
 from usvnet.types import Batch
-from usvnet.visualize import BoatDrawing, Picture, draw_boats, range_label
+from usvnet.visualize import Picture, draw_boats, range_label
 
 MONITOR = "val/strict_mAP50-95"
 """The score that chooses the best checkpoint."""
@@ -105,24 +105,13 @@ class OverlayPictures(Callback):
 
 def draw_result(picture: Picture, boats: list[BoatRecord], truths: list[TruthRecord]) -> Picture:
     """Draw the boats that score at least ``RANGE_CONFIDENCE`` with the ``waterline`` range, over the labels."""
-    matched = {id(boat): truth for boat, truth in zip(match_boats(boats, truths), truths) if boat is not None}
+    truth_of = {id(boat): truth for boat, truth in zip(match_boats(boats, truths), truths)}
     drawings = []
     for boat in boats:
-        if boat.score < RANGE_CONFIDENCE:
-            continue
-        truth, estimate = matched.get(id(boat)), boat.ranges["waterline"]
-        labelled = None if truth is None else np.where(truth.visibility[:, None] > 0, truth.keypoints_px, np.nan)
-        laser_m = truth.range_m if truth is not None and truth.range_m > 0 else None
-        drawings.append(
-            BoatDrawing(
-                box_px=boat.box_px,
-                keypoints_px=boat.keypoints_px,
-                seen=boat.visibility > 0.5,
-                label=range_label(estimate.slant_m, estimate.slant_std_m, laser_m),
-                covariance_px2=boat.keypoint_covariance_px2,
-                truth_px=labelled,
-            )
-        )
+        if boat.score >= RANGE_CONFIDENCE:
+            truth, estimate = truth_of.get(id(boat)), boat.ranges["waterline"]
+            laser_m = truth.range_m if truth is not None and truth.range_m > 0 else None
+            drawings.append(draw_boat(boat, truth, range_label(estimate.slant_m, estimate.slant_std_m, laser_m)))
     return draw_boats(picture, drawings)
 
 

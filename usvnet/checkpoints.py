@@ -11,7 +11,7 @@ import torch
 from usvnet.model import USVNet
 
 STAMP = "usvnet"
-"""Key of what training writes beside the weights: ``{"variant": str, "curved_water": bool}``."""
+"""Key of what training writes beside the weights: variant, curved_water, and image_size (px, None where not known)."""
 MODEL_PREFIX = "model."
 """Where the weights of :class:`USVNet` stand in the ``state_dict`` of :class:`usvnet.training.USVModule`."""
 

@@ -22,7 +22,10 @@ COMMANDS = {
 
 
 class CommandParser(ArgumentParser):
-    """Options with dashes, and one line when they are wrong."""
+    """Options with dashes and in full, and one line when they are wrong."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
 
     def add_argument(self, *names: Any, **settings: Any) -> Any:
         """Spell ``--board_size`` as ``--board-size``."""

@@ -138,7 +138,8 @@ class USVModule(LightningModule):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Write what :func:`usvnet.checkpoints.load_model` needs to build the network."""
-        checkpoint[STAMP] = self.stamp
+        image_size = getattr(getattr(self.trainer, "datamodule", None), "image_size", None)
+        checkpoint[STAMP] = {**self.stamp, "image_size": image_size}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Refuse a checkpoint of another size."""

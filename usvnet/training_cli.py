@@ -52,7 +52,7 @@ class TrainingCLI(LightningCLI):
             trainer_defaults=TRAINER_DEFAULTS,
             seed_everything_default=0,
             parser_class=OneLineParser,
-            parser_kwargs={"description": "Train usvnet. Continue a run with --resume or --ckpt_path."},
+            parser_kwargs={"description": "Train usvnet. Continue a run with --resume true."},
             args=args,
             run=False,
             auto_configure_optimizers=False,
@@ -109,7 +109,8 @@ class TrainingCLI(LightningCLI):
             if self.trainer.state.status != TrainerStatus.INTERRUPTED:
                 raise
             last = self.checkpoints / "last.ckpt"
-            print(f"stopped; to continue, add: --ckpt_path {last}", file=sys.stderr)
+            if last.is_file():
+                print("to continue, add --resume true to the same command", file=sys.stderr)
             raise KeyboardInterrupt from None
         best = self.checkpoints / "best.ckpt"
         return best if best.is_file() else self.checkpoints / "last.ckpt"
@@ -119,5 +120,5 @@ def quiet() -> None:
     """Silence what Lightning tells its developers and advertises to everybody."""
     for name in ("lightning.pytorch", "lightning.fabric"):
         logging.getLogger(name).setLevel(logging.WARNING)
-    for message in (".*does not have many workers.*", ".*Checkpoint directory.*", ".*number of training batches.*"):
-        warnings.filterwarnings("ignore", message)
+    for message in ("does not have many workers", "Checkpoint directory", "number of training batches", "LeafSpec"):
+        warnings.filterwarnings("ignore", f".*{message}.*")

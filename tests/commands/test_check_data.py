@@ -1,3 +1,4 @@
+import shutil
 from pathlib import Path
 
 import cv2
@@ -9,8 +10,6 @@ from usvnet.commands.check_data import check_data
 @pytest.fixture
 def dataset(root: Path, tmp_path: Path) -> Path:
     """The sample set's validation pictures, to be spoilt."""
-    import shutil
-
     shutil.copytree(root / "data" / "sample", tmp_path / "set", ignore=shutil.ignore_patterns("train", "test"))
     data = tmp_path / "set" / "data.yaml"
     data.write_text("".join(line for line in data.open() if not line.startswith(("train", "test"))))

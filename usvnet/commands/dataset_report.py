@@ -116,6 +116,7 @@ def _scenes(frames: list[Frame]) -> dict[str, list[Frame]]:
 def _draw_instances(axes: Axes, frames: list[Frame]) -> None:
     counts = {scene: sum(len(frame.boxes_px) for frame in members) for scene, members in _scenes(frames).items()}
     axes.bar_label(axes.bar(list(counts), list(counts.values()), color=INK))
+    axes.margins(y=0.1)
     axes.set(title="Boats", xlabel="scene", ylabel="number")
 
 
@@ -136,7 +137,8 @@ def _draw_visibility(axes: Axes, visibility: NDArray[np.float64]) -> None:
     axes.invert_yaxis()
     axes.set(xlabel="number")
     axes.set_title("Keypoints", loc="left")
-    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False)
+    style = {"fontsize": "small", "handlelength": 1.0, "columnspacing": 1.0, "borderaxespad": 0.1}
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False, **style)
 
 
 def _draw_density(axes: Axes, points: NDArray[np.float64], x: str, y: str, reach: float) -> None:

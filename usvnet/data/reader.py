@@ -46,8 +46,7 @@ def read_dataset(root: Path | str, split: str, faults: Faults | None = None) -> 
     for name, picture in notes.items():
         with faults.catch():
             if not (root / "images" / name).is_file():
-                where = picture.range_line or str(root / "frames.csv")
-                raise FileNotFoundError(f"{where}: no picture {root / 'images' / name}")
+                raise FileNotFoundError(f"{picture.line}: no picture {root / 'images' / name}")
     place = root / splits[split]
     coco = read_coco(place, faults) if place.suffix == ".json" else None
     names = sorted(coco) if coco is not None else _picture_names(root, place, faults)
@@ -139,8 +138,6 @@ def _frame(image_path: Path, name: str, note: FrameNotes, camera: Camera, labels
     reference = np.full(boats, NEAREST_WATERLINE, np.int64)
     for i, reading in note.readings.items():
         if i >= boats:
-            raise ValueError(
-                f"{note.range_line}: a range for instance {i}, but {label_path} has {boats} boats in {name}"
-            )
+            raise ValueError(f"{note.line}: a range for instance {i}, but {label_path} has {boats} boats in {name}")
         range_m[i], range_std_m[i], reference[i] = reading.range_m, reading.range_std_m, reading.reference
     return Frame(image_path, name, note.scene, camera, *labels, range_m, range_std_m, reference)

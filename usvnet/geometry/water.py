@@ -55,7 +55,6 @@ def meet_water(
     curved: bool = False,
     refraction: float = REFRACTION,
     min_sine: float = MIN_SINE,
-    min_clearance: float = 1e-6,
 ) -> WaterHit:
     """Follow unit rays ``direction`` (..., 3) of the level frame from ``height_m`` (...) down to the water.
 
@@ -67,18 +66,14 @@ def meet_water(
         curved: follow the earth's curvature, or take the water as flat.
         refraction: coefficient k of terrestrial refraction, used with curved water only.
         min_sine: a ray no more than this below the horizontal counts as level.
-        min_clearance: least root^2 over the dip's sine^2. At the horizon of curved water the derivative is infinite;
-            this gives up the last 0.1 % of the way there.
     """
     sine = direction[..., 1]
     curvature = torch.zeros_like(height_m)
     if curved:
         curvature = 1 / (height_m + effective_radius_m(refraction))
     bulge = 2 - height_m * curvature
-    dip_sine2 = height_m * curvature * bulge  # sine squared of the horizon's dip
-    dip_sine = torch.sqrt(dip_sine2.clamp_min(1e-30))
-    clearance = (sine - dip_sine) * (sine + dip_sine)
-    valid = (sine > min_sine) & (clearance > min_clearance * dip_sine2)
+    clearance = sine * sine - height_m * curvature * bulge  # the horizon dips by the sine whose square this takes off
+    valid = (sine > min_sine) & (clearance > 0)
 
     down = torch.ones_like(sine)
     sine = torch.where(valid, sine, down)

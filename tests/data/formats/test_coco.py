@@ -50,7 +50,7 @@ def test_pycocotools_reads_it(written: Path, capsys):
     ("key", "value", "words"),
     [
         ("keypoints", [1.0] * 18, "6 keypoints"),
-        ("keypoints", [float("nan"), 1, 2] * 7, "bow is .nan, , expected finite"),
+        ("keypoints", [float("nan"), 1, 2] * 7, "bow is .nan, .*expected finite"),
         ("keypoints", [1, 1, 3] * 7, "expected 0, 1 or 2"),
         ("keypoints", [900, 1, 2] * 7, "bow is .*expected 0 to 1"),
         ("bbox", [1, 1, 0, 5], "above 0"),

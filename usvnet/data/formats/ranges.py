@@ -33,8 +33,8 @@ class FrameNotes:
     roll_std_deg: float | None = None
     readings: dict[int, RangeReading] = field(default_factory=dict)
     """By instance, the boat's row in the label file."""
-    range_line: str = ""
-    """File and line of the last reading, for messages."""
+    line: str = ""
+    """File and line of the last row, for messages."""
 
     def note(self, key: str, value: str | float | None) -> None:
         """Keep what a row says; two rows of one picture may not contradict each other."""
@@ -88,6 +88,7 @@ def _note_row(line: str, row: dict[str, str], notes: dict[str, FrameNotes]) -> F
     if not row.get("image"):
         raise ValueError(f"{line}: no image named, expected a path below images/ such as train/0001.jpg")
     picture = notes.setdefault(row["image"], FrameNotes())
+    picture.line = line
     try:
         picture.note("camera", row.get("camera"))
         picture.note("scene", row.get("scene"))
@@ -121,7 +122,6 @@ def _note_reading(line: str, row: dict[str, str], picture: FrameNotes) -> None:
     except ValueError as error:
         raise ValueError(f"{line}: {error}") from None
     picture.readings[instance] = RangeReading(range_m, range_std_m, instance, REFERENCES[reference])
-    picture.range_line = line
 
 
 def _number(row: dict[str, str], key: str, kind: Callable[[str], Number]) -> Number | None:
