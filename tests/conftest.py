@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 import torch
 
+from usvnet.model import USVNet
+
 torch.set_num_threads(1)
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -36,3 +38,13 @@ def sixscenes(shared: Path) -> Path:
     if not folder.is_dir():
         pytest.skip("no data/sixscenes-v0 in the folder `shared` beside the checkout")
     return folder
+
+
+@pytest.fixture(scope="session")
+def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A checkpoint of size n that has learnt nothing."""
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("untrained") / "best.ckpt"
+    weights = {f"model.{name}": value for name, value in USVNet("n").state_dict().items()}
+    torch.save({"usvnet": {"variant": "n", "curved_water": False}, "state_dict": weights}, path)
+    return path

@@ -10,9 +10,6 @@ import sys
 from pathlib import Path
 
 import pytest
-import torch
-
-from usvnet.model import USVNet
 
 PROCESSES = multiprocessing.get_context("forkserver")  # the packages are imported once, for all processes
 PROCESSES.set_forkserver_preload(["usvnet.training_cli", "usvnet.evaluation.evaluator"])
@@ -21,7 +18,7 @@ PROCESSES.set_forkserver_preload(["usvnet.training_cli", "usvnet.evaluation.eval
 def run_script(arguments: list[str], folder: Path) -> None:
     """Become ``python <arguments>`` with stdout and stderr going to files."""
     for number, name in ((1, "stdout"), (2, "stderr")):
-        os.dup2(os.open(folder / name, os.O_WRONLY | os.O_CREAT), number)
+        os.dup2(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
     sys.argv = arguments
     os.chdir(folder)
     runpy.run_path(arguments[0], run_name="__main__")
@@ -48,7 +45,8 @@ def dataset(root, tmp_path):
     """Two training and two validation pictures of the sample set, to be spoilt."""
     sample, target = root / "data" / "sample", tmp_path / "dataset"
     shutil.copytree(sample / "cameras", target / "cameras")
-    shutil.copy(sample / "data.yaml", target)
+    lines = (sample / "data.yaml").read_text().splitlines()
+    (target / "data.yaml").write_text("\n".join(line for line in lines if not line.startswith("test")))
     kept = []
     for split in ("train", "val"):
         for picture in sorted((sample / "images" / split).iterdir())[:2]:
@@ -127,28 +125,27 @@ def test_training_names_the_file_that_is_faulty(spoil, dataset, refused, tmp_pat
 
 
 def test_check_data_names_all_faults_at_once(dataset, tmp_path):
-    places = [six_keypoints(dataset), negative_range(dataset), no_focal_length(dataset)]
+    places = [six_keypoints(dataset), negative_range(dataset)]
     arguments = ["check-data", str(dataset), "--output", str(tmp_path / "labels.png")]
     done = subprocess.run([sys.executable, "-m", "usvnet.cli", *arguments], capture_output=True, text=True)
     assert done.returncode == 2
-    assert done.stderr == f"error: 3 faults in {dataset}\n"
+    assert done.stderr == f"error: 2 faults in {dataset}\n"
     for place in places:
         assert place in done.stdout
 
 
-@pytest.mark.parametrize("key", ["model.widht", "model.varian", "data.optimiser", "trainer.max_epoch"])
-def test_an_unknown_key_is_named(key, dataset, refused, tmp_path):
-    section, name = key.split(".")
+def test_an_unknown_key_is_named(dataset, refused, tmp_path):
     config = tmp_path / "config.yaml"
-    config.write_text(f"data: {{root: {dataset}}}\n{section}: {{{name}: 1}}\n".replace("}\ndata: {", ", "))
-    for line in (refused("train.py", "--config", config), refused("train.py", "--data.root", dataset, f"--{key}", "1")):
-        assert line.startswith("error: ")
-        assert name in line
+    config.write_text(f"data: {{root: {dataset}}}\nmodel: {{widht: 1}}\n")
+    line = refused("train.py", "--config", config)
+    assert line.startswith("error: ")
+    assert "widht" in line
 
 
-def test_a_checkpoint_of_another_size_is_named(dataset, refused, tmp_path):
-    checkpoint = tmp_path / "n.ckpt"
-    weights = {f"model.{name}": value for name, value in USVNet("n").state_dict().items()}
-    torch.save({"usvnet": {"variant": "n", "curved_water": False}, "state_dict": weights}, checkpoint)
-    line = refused("train.py", "--data.root", dataset, "--model.variant", "s", "--ckpt_path", checkpoint)
-    assert f"{checkpoint}: got a checkpoint of size 'n', expected size 's'" in line
+def test_an_option_is_never_guessed_from_its_beginning(dataset, refused):
+    assert "max_epoch" in refused("train.py", "--data.root", dataset, "--trainer.max_epoch", 1)
+
+
+def test_a_checkpoint_of_another_size_is_named(dataset, refused, untrained):
+    line = refused("train.py", "--data.root", dataset, "--model.variant", "s", "--ckpt_path", untrained)
+    assert f"{untrained}: got a checkpoint of size 'n', expected size 's'" in line

@@ -68,5 +68,6 @@ def test_version_help_and_errors_of_the_real_program():
 
 
 def test_help_does_not_wait_for_torch():
-    code = "import atexit, sys, usvnet.cli; atexit.register(lambda: print('torch' in sys.modules)); usvnet.cli.run(['--help'])"
+    tell = "atexit.register(lambda: print('torch' in sys.modules))"
+    code = f"import atexit, sys, usvnet.cli; {tell}; usvnet.cli.run(['--help'])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.endswith("False\n")

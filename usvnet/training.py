@@ -16,7 +16,7 @@ from usvnet.evaluation.scores import Scores, score
 from usvnet.losses import Assignment, Criterion, assign
 from usvnet.model import USVNet
 from usvnet.optimiser import WarmupSchedule, build_optimiser, resolve_auto, warmup_steps
-from usvnet.types import Batch, Boats, Camera, NetworkOutput, Prediction
+from usvnet.types import NEAREST_WATERLINE, WATERLINE_KEYPOINTS, Batch, Boats, Camera, NetworkOutput, Prediction
 
 
 class USVModule(LightningModule):
@@ -88,19 +88,13 @@ class USVModule(LightningModule):
         """
         picture = torch.arange(len(assignment.best_anchor), device=assignment.best_anchor.device).unsqueeze(1)
         coarse_px = output.keypoints_px[picture, assignment.best_anchor]
-        boxes_px = output.boxes_px[picture, assignment.best_anchor]
         keypoints_px, covariance_px2 = self.model.locate(output.heatmap_logits, coarse_px)
-        _, waterline = self.model.ranging(keypoints_px, covariance_px2, boxes_px, camera)
-        boat = torch.arange(boats.reference.shape[1], device=picture.device)
-        keypoint = boats.reference.clamp(min=0)
-        stated = self.model.ranging.range_points(
-            keypoints_px[picture, boat, keypoint], covariance_px2[picture, boat, keypoint], camera
-        )
-        nearest = boats.reference < 0
-        return (
-            torch.where(nearest, waterline.slant_m, stated.slant_m),
-            torch.where(nearest, waterline.valid, stated.valid),
-        )
+        estimate = self.model.ranging.range_points(keypoints_px.flatten(1, 2), covariance_px2.flatten(1, 2), camera)
+        slant_m = estimate.slant_m.unflatten(1, coarse_px.shape[1:3])
+        nearest_m = slant_m[..., WATERLINE_KEYPOINTS].amin(-1)
+        named_m = slant_m.gather(-1, boats.reference.clamp(min=0).unsqueeze(-1)).squeeze(-1)
+        chosen_m = torch.where(boats.reference == NEAREST_WATERLINE, nearest_m, named_m)
+        return chosen_m, chosen_m.isfinite()
 
     def validation_step(self, batch: Batch, batch_idx: int) -> dict[str, Prediction]:
         """Predict with the averaged weights and keep the boats for scoring."""

@@ -176,6 +176,23 @@ def test_whatever_comes_in_no_nan_comes_out_or_back(camera, curved, dtype, disto
     assert (points.grad[0, 13:16] == 0).all()
 
 
+def test_a_pixel_that_the_lens_cannot_see_has_no_range(camera):
+    points = torch.tensor([[[300.0, 300.0], [1e6, 1e6], [math.nan, 300.0]]], dtype=torch.float64)
+    got = RangingLayer().range_points(points, one_px(points), camera)
+    assert got.valid.tolist() == [[True, False, False]]
+    assert torch.isinf(got.slant_m).tolist() == [[False, True, True]]
+
+
+def test_straight_down_has_a_range_but_no_bearing_and_finite_gradients():
+    camera = camera_to(plain_camera(pitch_rad=math.pi / 4), dtype=torch.float32)
+    points = torch.tensor([[[319.5, 239.5 + 700]]], requires_grad=True)  # 45 degrees below an axis 45 degrees down
+    got = RangingLayer().range_points(points, one_px(points), camera)
+    assert got.position_m.tolist() == [[[0, pytest.approx(1.5), 0]]]
+    assert got.bearing_rad.item() == 0
+    total(got).backward()
+    assert torch.isfinite(points.grad).all()
+
+
 def test_a_camera_without_any_uncertainty_still_has_a_gradient(water_px):
     points = water_px.clone().requires_grad_()
     got = RangingLayer().range_points(points, torch.zeros(1, 6, 2, 2, dtype=torch.float64), plain_camera())

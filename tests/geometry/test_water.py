@@ -78,6 +78,17 @@ def test_a_ray_above_the_dipped_horizon_has_no_range():
     assert 0.9 * horizon_m < below.slant_m.item() < horizon_m
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_rays_that_graze_the_horizon_have_finite_gradients(dtype):
+    height = torch.tensor([1.5], dtype=dtype, requires_grad=True)
+    close = torch.tensor([-1e-3, -1e-7, 0.0, 1e-15, 1e-9, 1e-7, 1e-6, 1e-5, 1e-3], dtype=dtype)
+    depression = (horizon_dip_rad(height.detach()) * (1 + close)).requires_grad_()
+    hit = meet_water(rays(depression), height.expand_as(close), curved=True)
+    (hit.slant_m + hit.horizontal_m + hit.slant_by_sine_m + hit.slant_by_height).sum().backward()
+    assert torch.isfinite(depression.grad).all()
+    assert torch.isfinite(height.grad).all()
+
+
 @pytest.mark.parametrize("curved", [False, True])
 def test_stated_derivatives_are_autograds(curved):
     depression = torch.tensor([0.002, 0.15, 1.0], dtype=torch.float64, requires_grad=True)

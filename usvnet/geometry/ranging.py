@@ -156,8 +156,6 @@ class RangingLayer(nn.Module):
             + (hit.slant_by_height * camera.height_std_m.unsqueeze(-1)) ** 2
         )
 
-        straight_down = (direction[..., 0] == 0) & (direction[..., 2] == 0)  # no bearing, and no gradient of it
-        forward = torch.where(straight_down, torch.ones_like(hit.slant_m), direction[..., 2])
         infinite = torch.full_like(hit.slant_m, float("inf"))
         std = torch.sqrt(variance.clamp_min(1e-12))  # the root's gradient is infinite at 0
         position = hit.slant_m.unsqueeze(-1) * direction
@@ -165,7 +163,7 @@ class RangingLayer(nn.Module):
             slant_m=torch.where(valid, hit.slant_m, infinite),
             slant_std_m=torch.where(valid, std, infinite),
             horizontal_m=torch.where(valid, hit.horizontal_m, infinite),
-            bearing_rad=torch.atan2(direction[..., 0], forward),
+            bearing_rad=torch.atan2(direction[..., 0], direction[..., 2]),
             position_m=torch.where(valid.unsqueeze(-1), position, torch.zeros_like(position)),
             valid=valid,
         )
