@@ -36,7 +36,7 @@ class TestParsing:
             (["calibrate", "here"], "square_mm.*usvnet"),
             (["calibrate", "here", "--square-mm", "wide"], "square_mm.*wide.*usvnet calibrate --help"),
             (["calibrate", "here", "--square-mm", "1", "--squares", "1"], "--squares"),
-            (["calibrate", "here", "--square", "1"], "square_mm"),
+            (["calibrate", "here", "--square", "1"], "--square 1"),
             (["calibrat"], "calibrat.*check-data"),
             ([], "subcommand"),
         ],

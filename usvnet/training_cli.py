@@ -26,7 +26,10 @@ TRAINER_DEFAULTS = {
 
 
 class OneLineParser(LightningArgumentParser):
-    """A parser that leaves the one line about a wrong key to :func:`usvnet.files.run_program`."""
+    """A parser that guesses no key and leaves the one line about a wrong one to :func:`usvnet.files.run_program`."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, allow_abbrev=False, **kwargs)
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         """Raise instead of printing the usage and leaving."""

@@ -1,7 +1,7 @@
 """Writing a model as TorchScript with a sidecar that explains it.
 
-The file is frozen, with channels_last weights: 1.7 to 1.9 times as fast as the network it came from. It is never
-passed through ``optimize_for_inference``, whose result cannot be read back.
+The file is frozen, with channels_last weights: about 1.6 times as fast as the model it came from (size n, 320 px, one
+CPU thread). It is never passed through ``optimize_for_inference``, whose result cannot be read back.
 """
 
 import hashlib
