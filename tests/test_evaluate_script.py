@@ -2,12 +2,10 @@
 
 import json
 import runpy
+import shutil
 import sys
 
 import pytest
-import torch
-
-from usvnet.model import USVNet
 
 
 @pytest.fixture
@@ -23,20 +21,18 @@ def run(monkeypatch, root):
 
 
 @pytest.fixture(scope="module")
-def checkpoint(tmp_path_factory):
-    """A network that has learnt nothing."""
-    torch.manual_seed(0)
+def checkpoint(untrained, tmp_path_factory):
+    """A network that has learnt nothing, in a run's folder."""
     path = tmp_path_factory.mktemp("run") / "checkpoints" / "best.ckpt"
     path.parent.mkdir()
-    weights = {f"model.{name}": value for name, value in USVNet("n").state_dict().items()}
-    torch.save({"usvnet": {"variant": "n", "curved_water": False}, "state_dict": weights}, path)
+    shutil.copy(untrained, path)
     return path
 
 
 def test_a_training_configuration_evaluates_a_checkpoint(run, root, checkpoint, capsys):
     config = root / "configs" / "experiment" / "sixscenes.yaml"
     arguments = ["--config", config, "--checkpoint", checkpoint, "--data.root", root / "data" / "sample"]
-    run(*arguments, "--data.image_size", 64)
+    run(*arguments, "--data.eval_image_size", 64)
     output = checkpoint.parents[1] / "evaluation" / "best_test"
     metrics = json.loads((output / "metrics.json").read_text())
     assert metrics["pictures"] == 24
@@ -47,7 +43,7 @@ def test_a_training_configuration_evaluates_a_checkpoint(run, root, checkpoint, 
     assert "paper: YOLO11m-pose" in shown
 
     with pytest.raises(SystemExit) as stopped:  # another size is another prediction
-        run(*arguments, "--data.image_size", 96)
+        run(*arguments, "--data.eval_image_size", 96)
     assert stopped.value.code == 2
     assert "made with image_size [64, 64], not [96, 96]" in capsys.readouterr().err
 

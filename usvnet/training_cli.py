@@ -123,5 +123,5 @@ def quiet() -> None:
     """Silence what Lightning tells its developers and advertises to everybody."""
     for name in ("lightning.pytorch", "lightning.fabric"):
         logging.getLogger(name).setLevel(logging.WARNING)
-    for message in ("does not have many workers", "Checkpoint directory", "number of training batches", "LeafSpec"):
-        warnings.filterwarnings("ignore", f".*{message}.*")
+    for what in ("not have many workers", "Checkpoint directory", "dirpath has", "training batches", "LeafSpec"):
+        warnings.filterwarnings("ignore", f".*{what}.*")
