@@ -7,6 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
+from usvnet.data.transforms import FILL
 from usvnet.model import USVNet
 from usvnet.network.blocks import Conv
 from usvnet.types import Camera, RangeEstimate
@@ -44,8 +45,8 @@ ESTIMATES = {
 """What there is for each estimator, named ``<estimator>_<estimate>``."""
 
 SIZE_MULTIPLE = 32
-GREY = 114 / 255
-"""What training fills margins with."""
+GREY = FILL / 255
+"""What training fills margins with, on the scale of the input."""
 
 
 class DeployedUSVNet(nn.Module):
