@@ -28,6 +28,9 @@ METRICS = {f"usvnet.evaluation.{name}" for name in ("records", "pose_metrics", "
 """Scoring needs arrays only: these stand lower than the rest of their folder."""
 
 TRAINING = ["usvnet/training.py", "usvnet/training_cli.py", "usvnet/callbacks.py", "usvnet/data/datamodule.py"]
+RENDERING = [
+    f"usvnet/simulator/{name}.py" for name in ("engine", "scene", "render", "denoise", "rays", "frame", "labels")
+]
 ONLY_IN = {
     "lightning": [*TRAINING, "train.py", "evaluate.py"],
     "pytorch_lightning": [],
@@ -39,8 +42,9 @@ ONLY_IN = {
     "cv2": [
         *("usvnet/geometry/calibration*.py", "usvnet/geometry/chessboard.py"),
         *("usvnet/data/*", "usvnet/evaluation/*", "usvnet/commands/*", "usvnet/visualize.py", "usvnet/callbacks.py"),
-        "scripts/*",
+        *("usvnet/simulator/*", "scripts/*"),
     ],
+    **dict.fromkeys(("mitsuba", "drjit", "pyoidn"), RENDERING),
     "kornia": ["usvnet/geometry/*", "usvnet/heatmap.py", "usvnet/data/*"],
 }
 """Third-party packages that may be imported in these files only."""

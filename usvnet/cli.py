@@ -18,6 +18,7 @@ COMMANDS = {
     "calibrate": "find a camera's focal length and distortion from pictures of a chessboard",
     "check-data": "count a dataset and name every fault in it",
     "export": "write a trained model as TorchScript, for C++ or for Python without usvnet",
+    "simulate": "render pictures of boats on water with exact labels",
 }
 
 
@@ -28,8 +29,10 @@ class CommandParser(ArgumentParser):
         super().__init__(allow_abbrev=False, **settings)
 
     def add_argument(self, *names: Any, **settings: Any) -> Any:
-        """Spell ``--board_size`` as ``--board-size``."""
+        """Spell ``--board_size`` as ``--board-size``, and let ``--doctor`` stand for ``--doctor true``."""
         dashed = [name.replace("_", "-") if name.startswith("--") else name for name in names]
+        if settings.get("type") is bool:  # a switch alone means true
+            settings |= {"nargs": "?", "const": True}
         return super().add_argument(*dashed, **settings)
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:

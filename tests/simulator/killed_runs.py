@@ -1,0 +1,36 @@
+"""Start a run, kill it with all its processes at a random moment, and so on: python killed_runs.py CONFIG ROOT KILLS.
+
+Prints how many frames were whole after each kill. Processes are forked here, so that each run starts in milliseconds.
+"""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from small_dataset import simulate_small
+
+from usvnet.simulator import workers
+from usvnet.simulator.dataset_writer import whole_frames
+
+
+def main(config: Path, root: Path, kills: int) -> None:
+    workers.START_METHOD = "fork"
+    os.environ["FAKE_SECONDS"] = "0.02"
+    rng = np.random.default_rng(3)
+    for _ in range(kills):
+        child = os.fork()
+        if child == 0:
+            os.setpgid(0, 0)
+            simulate_small(config, root, workers=2)
+            os._exit(0)
+        time.sleep(rng.uniform(0.01, 0.25))
+        os.killpg(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        print(len(whole_frames(root)), flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
