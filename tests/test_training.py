@@ -216,3 +216,16 @@ def test_a_checkpoint_of_another_size_is_refused(tmp_path):
         trainer(tmp_path, epochs=2).fit(
             module(variant="s"), loader(1, pictures=1), ckpt_path=tmp_path / "last.ckpt", weights_only=True
         )
+
+
+def test_training_can_start_from_another_runs_weights(tmp_path):
+    first = module()
+    trainer(tmp_path, 1).fit(first, loader(2, 2))
+    path = tmp_path / "first.ckpt"
+    first.trainer.save_checkpoint(path)
+    start = module(initial_weights=str(path)).model.state_dict()
+    averaged = load_model(path).state_dict()
+    assert start.keys() == averaged.keys()
+    assert all(torch.equal(start[name], averaged[name]) for name in start)
+    with pytest.raises(ValueError, match="got a checkpoint of size 'n', expected size 's'"):
+        module(variant="s", initial_weights=str(path))

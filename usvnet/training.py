@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.optim import Optimizer
 
 from usvnet.callbacks import MovingAverage
-from usvnet.checkpoints import STAMP, check_variant
+from usvnet.checkpoints import STAMP, check_variant, load_model
 from usvnet.config import LossWeights, OptimiserConfig
 from usvnet.evaluation.records import BoatRecord, TruthRecord, to_records, to_truths
 from usvnet.evaluation.scores import Scores, score
@@ -30,6 +30,8 @@ class USVModule(LightningModule):
         curved_water: range on the curved Earth with refraction, for long range.
         ema_decay: share of the averaged weights that one update keeps.
         ema_ramp_steps: steps over which the averaging slows down to ``ema_decay``.
+        initial_weights: checkpoint of the same size whose weights training starts from, to adapt a network to other
+            boats or waters; None starts from random weights.
     """
 
     def __init__(
@@ -41,9 +43,12 @@ class USVModule(LightningModule):
         curved_water: bool = False,
         ema_decay: float = 0.9999,
         ema_ramp_steps: float = 2000.0,
+        initial_weights: str | None = None,
     ) -> None:
         super().__init__()
         self.model = USVNet(variant, curved_water=curved_water)
+        if initial_weights is not None:
+            self.model.load_state_dict(load_model(initial_weights, variant).state_dict())
         self.model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # as the batches are: faster
         self.criterion = Criterion(loss_weights)
         self.optimiser = optimiser

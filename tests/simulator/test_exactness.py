@@ -87,7 +87,7 @@ def test_waterline_keypoints_lie_on_the_drawn_water(y_m, speed_mps):
     optics, world = world_of(spec, EXACT)
     truth = label_boat(
         spec.boats[0], world.hulls[0], world.poses[0], np.ones((120, 160), bool), world.scene, spec.camera, optics,
-        world.water.height_at,
+        world.water.height_at, spec.air,
     )  # fmt: skip
     water_only = Scene(world.water.mesh, NOTHING, NOTHING, [], world.sky.radiance)
     for point in truth.keypoints_m[[3, 6]]:
@@ -105,15 +105,9 @@ def test_visibility_agrees_with_a_picture_of_balls_on_the_keypoints(name, yaw_ra
     for i in (0, 1):
         owner = np.ones((120, 160), bool)
         truth = label_boat(
-            spec.boats[i],
-            world.hulls[i],
-            world.poses[i],
-            owner,
-            world.scene,
-            spec.camera,
-            optics,
-            world.water.height_at,
-        )
+            spec.boats[i], world.hulls[i], world.poses[i], owner, world.scene, spec.camera, optics,
+            world.water.height_at, spec.air,
+        )  # fmt: skip
         radius = HIDDEN_BEHIND * world.hulls[i].length_m
         boats = [hull.mesh.moved(pose.rotation, pose.origin_m) for hull, pose in zip(world.hulls, world.poses)]
         for k in np.nonzero(truth.visibility)[0]:
@@ -181,3 +175,14 @@ def test_a_boat_behind_another_is_labelled_only_where_it_shows():
     assert alone[0].seen_px > 0
     assert not hidden or hidden[0].seen_px < alone[0].seen_px
     assert not hidden or (hidden[0].visibility < 2).sum() > (alone[0].visibility < 2).sum()
+
+
+def test_a_boat_that_the_fog_hides_is_not_labelled():
+    sky = fs.SkySpec("fog", 2.0, 0.6, 0.0, 2.5, 0.0, 1)
+    for visibility_m, seen in ((40.0, 1), (7.0, 0)):
+        spec = frame(sky=sky, air=fs.AirSpec(visibility_m, 0.0))
+        assert len(render_frame(spec, "preview").boats) == seen
+
+
+def test_a_wake_outside_the_picture_is_no_trouble():
+    assert render_frame(frame(boats=(boat(-60.0, 0.5, speed_mps=2.0),)), "preview").boats == ()

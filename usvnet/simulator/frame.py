@@ -88,7 +88,7 @@ def render_frame(spec: FrameSpec, quality: str = "standard") -> RenderedFrame:
     with watch.step("labels"):
         owner = optics.apply_labels(geometry.boat, effort.subpixels)
         boats = [
-            label_boat(boat, hull, pose, owner == i, world.scene, spec.camera, optics, world.water.height_at)
+            label_boat(boat, hull, pose, owner == i, world.scene, spec.camera, optics, world.water.height_at, spec.air)
             for i, (boat, hull, pose) in enumerate(zip(spec.boats, world.hulls, world.poses))
         ]
     free_memory()

@@ -5,7 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from usvnet.simulator.frame_spec import BoatSpec
+from usvnet.simulator.air import extinction_per_m
+from usvnet.simulator.frame_spec import AirSpec, BoatSpec
 from usvnet.simulator.hulls.hull import Hull
 from usvnet.simulator.optics import Optics
 from usvnet.simulator.pose import HeightAt, Pose, camera_from_world, eye_of
@@ -19,6 +20,8 @@ HIDDEN_BEHIND = 0.022
 """A keypoint counts as hidden when something stands before it by more than this share of the hull's length."""
 FEWEST_SEEN_PX = 9
 """A boat of which fewer pixels show is not labelled: nobody could."""
+FAINTEST = 0.05
+"""A boat whose contrast the air takes beyond this share is not labelled either (the WMO's limit of visibility)."""
 LASER_AIM = 0.35
 """Share of the freeboard, above the resting waterline, at which the laser aims."""
 BISECTIONS = 50
@@ -55,7 +58,7 @@ def keypoints_in_world(hull: Hull, pose: Pose, height_at: HeightAt) -> Doubles:
 
 def label_boat(
     spec: BoatSpec, hull: Hull, pose: Pose, seen: NDArray[np.bool_], scene: Scene, camera: Camera, optics: Optics,
-    height_at: HeightAt,
+    height_at: HeightAt, air: AirSpec,
 ) -> BoatTruth | None:  # fmt: skip
     """Everything true of one boat, or None where too little of it can be seen to be labelled.
 
@@ -68,12 +71,14 @@ def label_boat(
         camera: the camera in the middle of the exposure.
         optics: its lens and shutter.
         height_at: the drawn water.
+        air: what the boat is seen through.
     """
     rows, columns = np.nonzero(seen)
-    if len(rows) < FEWEST_SEEN_PX:
+    eye = eye_of(camera)
+    contrast = math.exp(-extinction_per_m(air) * float(np.linalg.norm(pose.origin_m - eye)))
+    if len(rows) < FEWEST_SEEN_PX or contrast < FAINTEST:
         return None
     box = np.array([columns.min() - 0.5, rows.min() - 0.5, columns.max() + 0.5, rows.max() + 0.5])
-    eye = eye_of(camera)
     keypoints = keypoints_in_world(hull, pose, height_at)
     pixels = optics.project((keypoints - eye) @ camera_from_world(camera).T)
     waterline = keypoints[[3, 6]]

@@ -36,6 +36,8 @@ def sample_tile(tile: Floats, x: NDArray, y: NDArray, smooth: bool = True) -> Fl
     size = len(tile)
     padded = np.pad(tile, pad, mode="wrap")
     count = x.size
+    if not count:
+        return np.zeros(x.shape, np.float32)
     rows = -(-count // width)  # cv2.remap wants pictures of less than 32768 a side
     at = np.zeros((2, rows * width), np.float32)
     at[0, :count], at[1, :count] = np.mod(x.ravel(), size) + pad, np.mod(y.ravel(), size) + pad
