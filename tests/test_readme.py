@@ -26,7 +26,7 @@ def commands(text: str, program: str) -> list[list[str]]:
     """The arguments of every line in a shell block that begins with ``program``."""
     lines = [line for block in blocks(text, "bash") for line in block.splitlines() if line.startswith(program + " ")]
     assert lines, f"README shows no `{program}`"
-    return [shlex.split(line.removeprefix(program)) for line in lines]
+    return [shlex.split(line.removeprefix(program), comments=True) for line in lines]
 
 
 def test_ci_follows_the_readme(root, readme):
@@ -39,10 +39,10 @@ def test_ci_follows_the_readme(root, readme):
     assert f"step {TEST}\n" in ci
 
 
-def test_usvnet_commands_are_understood(readme):
+def test_usvnet_commands_are_understood(root, readme):
     arguments = commands(readme, "usvnet")
     assert {words[0] for words in arguments} == set(cli.COMMANDS)
-    for words in arguments:
+    for words in arguments + commands((root / "docs" / "simulator.md").read_text(), "usvnet"):
         cli.build_parser(needed=words).parse_args(words)
 
 
