@@ -83,10 +83,11 @@ def test_masks_are_warped_like_the_picture():
     u, v = np.meshgrid(np.arange(optics.view.width * 2), np.arange(optics.view.height * 2))
     fine = (u * 10_000 + v).astype(np.int32)
     seen = optics.apply_labels(fine, 2)
-    for pixel in ([10, 5], [84, 55], [150, 110]):
-        place = optics.pinhole_of(np.array([pixel], float), np.zeros(1))[0]
-        found = seen[pixel[1], pixel[0]]
-        assert np.abs(np.array([found // 10_000, found % 10_000]) / 2 - 0.25 - place).max() <= 0.2501
+    assert seen.shape == (240, 320)
+    for part in ([20, 11], [169, 110], [301, 220]):  # sub-pixels, two along each side of a pixel
+        place = optics.pinhole_of((np.array([part]) + 0.5) / 2 - 0.5, np.zeros(1))[0]
+        found = seen[part[1], part[0]]
+        assert np.abs((np.array([found // 10_000, found % 10_000]) + 0.5) / 2 - 0.5 - place).max() <= 0.2501
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from usvnet.simulator.frame_spec import SensorSpec
-from usvnet.simulator.sensor import expose
+from usvnet.simulator.sensor import _noise, expose
 
 
 def spec(**changes):
@@ -43,6 +43,17 @@ def test_noise_grows_with_its_gain():
     spread = [expose(grey(), spec(noise_gain=gain))[40:56, 56:72].std() for gain in (0.0001, 0.001, 0.006)]
     assert spread[0] < spread[1] < spread[2]
     assert spread[2] > 3 * spread[0]
+
+
+@pytest.mark.parametrize("gain", [0.0005, 0.005])
+def test_noise_has_the_variance_that_its_gain_says(gain):
+    light = grey(0.1, (400, 400))
+    noise = _noise(light, gain, np.random.default_rng(0))
+    assert noise.var() == pytest.approx(gain * 0.1 + (0.9 * gain) ** 2 + 2e-6, rel=0.02)
+
+
+def test_a_lens_without_blur_is_possible():
+    assert expose(grey(), spec(blur_px=0.0)).std() > 0
 
 
 def test_the_sun_blooms_and_does_not_darken_the_rest():

@@ -12,8 +12,8 @@ Floats = NDArray[np.float32]
 
 KOSCHMIEDER = 3.912
 """-ln 0.02: at the visibility's distance 2 % of the contrast is left (Koschmieder 1924)."""
-RAIN_ATTENUATION = (0.25, 0.63)
-"""Extinction by rain in 1/km is a R^b for R mm/h (after Atlas 1953)."""
+RAIN_ATTENUATION = (0.365, 0.63)
+"""Extinction by rain in 1/km is a R^b for R mm/h: twice the cross-section of Marshall and Palmer's drops (1948)."""
 STREAKS_PER_MM_H = 2.2e-4
 """Visible streaks for each pixel and mm/h, in a layer of air."""
 RAIN_LAYERS = ((1.0, 0.30), (0.55, 0.20), (0.3, 0.14))

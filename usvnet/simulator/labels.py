@@ -66,29 +66,31 @@ def label_boat(
         spec: what was asked for.
         hull: its shape.
         pose: where it floats.
-        seen: (H, W) the pixels of the picture that show it.
+        seen: (s H, s W) the sub-pixels of the picture that show it, s along each side of a pixel.
         scene: what rays can meet.
         camera: the camera in the middle of the exposure.
         optics: its lens and shutter.
         height_at: the drawn water.
         air: what the boat is seen through.
     """
+    fine = seen.shape[0] // optics.height
     rows, columns = np.nonzero(seen)
+    seen_px = len(rows) / fine**2
     eye = eye_of(camera)
     contrast = math.exp(-extinction_per_m(air) * float(np.linalg.norm(pose.origin_m - eye)))
-    if len(rows) < FEWEST_SEEN_PX or contrast < FAINTEST:
+    if seen_px < FEWEST_SEEN_PX or contrast < FAINTEST:
         return None
-    box = np.array([columns.min() - 0.5, rows.min() - 0.5, columns.max() + 0.5, rows.max() + 0.5])
+    box = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]) / fine - 0.5
     keypoints = keypoints_in_world(hull, pose, height_at)
     pixels = optics.project((keypoints - eye) @ camera_from_world(camera).T)
     waterline = keypoints[[3, 6]]
     laser = _laser(hull, pose, eye, scene)
-    height, width = seen.shape
+    size_px = (optics.width, optics.height)
     return BoatTruth(
         spec=spec,
         box_px=box,
         keypoints_px=pixels,
-        visibility=_visibility(keypoints, pixels, eye, hull.length_m, scene, (width, height)),
+        visibility=_visibility(keypoints, pixels, eye, hull.length_m, scene, size_px),
         keypoints_m=keypoints,
         hull_keypoints_m=hull.keypoints_m,
         water_height_m=waterline[:, 2],
@@ -100,8 +102,8 @@ def label_boat(
         horizontal_m=np.hypot(waterline[:, 0], waterline[:, 1]),
         laser_hit_m=laser,
         laser_on_boat=_on_boat(laser, hull, pose),
-        seen_px=len(rows),
-        truncated=_truncated(hull, pose, camera, optics, (width, height)),
+        seen_px=round(seen_px),
+        truncated=_truncated(hull, pose, camera, optics, size_px),
     )
 
 

@@ -3,15 +3,13 @@
 Mitsuba renders a pinhole with square pixels and its principal point in the middle. Lens distortion, another principal
 point, fx other than fy, a rolling shutter and motion blur only turn rays about the optical centre, so all of them are
 one exact warp of that picture, and the labels go through the same Camera.
-
-A camera that turns by the rotation vector w t from the middle of the exposure to time t shows a point p (camera frame
-at time 0) where exp([w] t)^T p projects. With rates of nose down, right and clockwise, w = (-pitch, yaw, roll).
 """
 
 import functools
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -20,6 +18,7 @@ from usvnet.geometry.camera import project
 from usvnet.geometry.lens import centre_px, determinant_2x2, distortion_jacobian, focal_px, undistort
 from usvnet.simulator.frame_spec import ShutterSpec
 from usvnet.simulator.pose import camera_from_world
+from usvnet.simulator.shutter import rotations, turn_of
 from usvnet.types import Camera
 
 Floats = NDArray[np.float32]
@@ -59,8 +58,7 @@ class Optics:
         self.camera = camera._replace(**{name: getattr(camera, name).double() for name in camera._fields})
         self.shutter = shutter
         self.width, self.height = (int(size) for size in camera.size_px[0])
-        turn = np.array([-shutter.pitch_rate_rad_s, shutter.yaw_rate_rad_s, shutter.roll_rate_rad_s])
-        self.turn_rad_s = turn if shutter.exposure_s or shutter.readout_s else np.zeros(3)
+        self.turn_rad_s = turn_of(shutter)
         self.view = pinhole_view(self.camera, self.shutter)
         self.identity = _is_pinhole(self.camera) and not self.turn_rad_s.any()
 
@@ -93,7 +91,7 @@ class Optics:
         offsets = self._exposure_times()
         total = torch.zeros(1, radiance.shape[2], self.height, self.width)
         for offset in offsets:
-            at = torch.from_numpy(self._table(offset)).reshape(1, self.height, self.width, 2)
+            at = torch.from_numpy(self._table(offset))[None]
             size = torch.tensor([self.view.width, self.view.height], dtype=at.dtype)
             grid = ((2 * at + 1) / size - 1).float()
             # bilinear keeps every centroid; cubic kernels move them by 0.04 px, and cv2.remap rounds to 1/32 px
@@ -103,8 +101,13 @@ class Optics:
         return (total / len(offsets)).clamp_min(0)[0].permute(1, 2, 0).contiguous().numpy()
 
     def apply_labels(self, mask: NDArray[np.int32], scale: int) -> NDArray[np.int32]:
-        """What each real pixel (H, W) sees in the middle of its exposure of a mask (scale h, scale w): the nearest."""
-        at = self._table(0.0).reshape(self.height, self.width, 2)
+        """A mask (scale h, scale w) as the real picture shows it (scale H, scale W), in mid-exposure: the nearest.
+
+        It stays as fine as it comes: between the sub-pixels of an even scale, a pixel's centre has no nearest.
+        """
+        if self.identity:
+            return mask
+        at = cv2.resize(self._table(0.0), None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR)
         place = np.floor((at + 0.5) * scale).astype(np.int64)
         rows = np.clip(place[..., 1], 0, mask.shape[0] - 1)
         columns = np.clip(place[..., 0], 0, mask.shape[1] - 1)
@@ -125,12 +128,7 @@ class Optics:
 
     def _rotations(self, time_s: Doubles) -> Doubles:
         """Rotations (N, 3, 3) from the camera frame at moments (N,) to that of mid-exposure (Rodrigues)."""
-        rate = float(np.linalg.norm(self.turn_rad_s))
-        x, y, z = self.turn_rad_s / rate if rate else np.zeros(3)
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        angle = (rate * time_s)[:, None, None]
-        rotations: Doubles = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-        return rotations
+        return rotations(self.turn_rad_s, time_s)
 
     def _exposure_times(self) -> list[float]:
         """Moments within one row's exposure, so close that nothing moves more than a pixel between them."""
@@ -139,26 +137,39 @@ class Optics:
         return [self.shutter.exposure_s * ((k + 0.5) / count - 0.5) for k in range(count)]
 
     def _table(self, offset_s: float) -> Doubles:
-        """Places (H W, 2) in the pinhole of what pixels see ``offset_s`` from the middle of their exposure."""
-        xy = _pixel_rays(_lens_key(self.camera))
-        rows = np.repeat(np.arange(self.height, dtype=np.float64), self.width)
-        return self._pinhole_of_rays(xy, self.row_time_s(rows) + offset_s)
+        """Places (H, W, 2) in the pinhole of what pixels see ``offset_s`` from the middle of their exposure."""
+        xy = _pixel_rays(_lens_key(self.camera)).reshape(self.height, self.width, 2)
+        middle = np.array([self.view.width - 1, self.view.height - 1]) / 2
+        if not self.turn_rad_s.any():
+            return xy * self.view.focal_px + middle
+        times = self.row_time_s(np.arange(self.height, dtype=np.float64)) + offset_s
+        R = self._rotations(times)[:, None]  # one for each row, not for each pixel
+        x, y = xy[..., 0], xy[..., 1]
+        across, down, ahead = (x * R[..., i, 0] + y * R[..., i, 1] + R[..., i, 2] for i in range(3))
+        scale = self.view.focal_px / ahead
+        return np.stack([across * scale + middle[0], down * scale + middle[1]], -1)
 
 
 def pinhole_view(camera: Camera, shutter: ShutterSpec) -> PinholeView:
     """The smallest pinhole view that shows every ray of a camera's picture, whenever it is taken."""
     width, height = (int(size) for size in camera.size_px[0])
-    turn = [shutter.pitch_rate_rad_s, shutter.yaw_rate_rad_s, shutter.roll_rate_rad_s]
-    swing_rad = math.hypot(*turn) * (shutter.exposure_s + shutter.readout_s) / 2
+    turn_rad_s = turn_of(shutter)
     focal = float(focal_px(camera).mean())
-    if _is_pinhole(camera) and not swing_rad:
+    if _is_pinhole(camera) and not turn_rad_s.any():
         return PinholeView(width, height, focal)
     border = _border(width, height)
     xy = _undistorted(border, camera)
     slopes = distortion_jacobian(torch.from_numpy(xy)[None], camera.distortion.double())
     magnification = float(determinant_2x2(slopes).sqrt().max())
     focal *= min(max(magnification, 1.0), MAX_MAGNIFICATION)
-    reach = np.tan(np.arctan(np.abs(xy).max(0)) + swing_rad)
+    middle_s = shutter.readout_s * (border[:, 1] / max(height - 1, 1) - 0.5)
+    rays = np.concatenate([xy, np.ones_like(xy[:, :1])], 1)
+    reach = np.zeros(2)
+    for offset_s in (-shutter.exposure_s / 2, shutter.exposure_s / 2):
+        turned = np.einsum("nij,nj->ni", rotations(turn_rad_s, middle_s + offset_s), rays)
+        if turned[:, 2].min() <= 0:
+            raise ValueError("the camera turns too far in one exposure for a pinhole to show all of it")
+        reach = np.maximum(reach, np.abs(turned[:, :2] / turned[:, 2:]).max(0))
     half = np.ceil(reach * focal).astype(int) + MARGIN_PX
     return PinholeView(int(2 * half[0]), int(2 * half[1]), focal)
 

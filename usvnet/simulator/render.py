@@ -71,7 +71,8 @@ def render_radiance(scene: Scene, view: View, quality: Quality, seed: int, windo
 
     def render(sensor: Any, samples: int, part: int) -> Floats:
         number = (seed * 16 + part) % MAX_SEED  # another seed for each part, or their noise would agree
-        return np.array(mi.render(scene.scene, sensor=sensor, integrator=integrator, spp=samples, seed=number))
+        light = np.array(mi.render(scene.scene, sensor=sensor, integrator=integrator, spp=samples, seed=number))
+        return np.nan_to_num(light, nan=0.0, posinf=0.0)  # one pixel that is no number would spoil the whole picture
 
     radiance = render(make_sensor(view), quality.samples, 0)
     for part, window in enumerate(windows, start=1):
