@@ -77,4 +77,4 @@ def row(name: str, scores: Scores) -> str:
 
 
 if __name__ == "__main__":
-    auto_cli(main)
+    auto_cli(main, as_positional=False)

@@ -66,4 +66,4 @@ def main(config: Path, frames: int = 12, quality: str = "standard", output: Path
 
 
 if __name__ == "__main__":
-    auto_cli(main)
+    auto_cli(main, as_positional=False)
