@@ -1,6 +1,6 @@
 """Processor seconds and peak memory of a rendered picture, step by step.
 
-    OMP_NUM_THREADS=1 python benchmarks/simulator_speed.py --config configs/simulator/paper.yaml
+    OMP_NUM_THREADS=1 python benchmarks/simulator_speed.py --settings configs/simulator/paper.yaml
 
 Renders a spread of a configuration's frames in this one process, as a worker of ``usvnet simulate`` does, and prints
 the mean of each step. The first frame also compiles the renderer's kernels; it is told apart.
@@ -23,18 +23,18 @@ from usvnet.simulator.scenario import Scenario
 from usvnet.simulator.settings import load_settings
 
 
-def main(config: Path, frames: int = 12, quality: str = "standard", output: Path | None = None) -> None:
+def main(settings: Path, frames: int = 12, quality: str = "standard", output: Path | None = None) -> None:
     """Render and measure.
 
     Args:
-        config: a configuration of the simulator.
+        settings: a configuration of the simulator.
         frames: how many of its frames, spread evenly; one more is rendered first.
         quality: preview, standard or high.
         output: a JSON file for the figures.
     """
     console = Console()
     engine = start_engine()
-    scenario = Scenario(load_settings(config))
+    scenario = Scenario(load_settings(settings))
     numbers = [round(k * (scenario.total - 1) / max(frames - 1, 1)) for k in range(frames)]
     seconds, steps = [], []
     for number in track([numbers[0], *numbers], description="frames", console=console):
@@ -44,7 +44,7 @@ def main(config: Path, frames: int = 12, quality: str = "standard", output: Path
     mean = {step: sum(frame.get(step, 0.0) for frame in steps[1:]) / frames for step in steps[0]}
     result = {
         "engine": engine,
-        "config": config.name,
+        "config": settings.name,
         "quality": quality,
         "frames": frames,
         "first_frame_cpu_s": seconds[0],
@@ -53,7 +53,7 @@ def main(config: Path, frames: int = 12, quality: str = "standard", output: Path
         "peak_memory_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
         "steps_cpu_s": mean,
     }
-    table = Table("step", "CPU seconds a picture", title=f"{config.name}, {quality}, {engine}")
+    table = Table("step", "CPU seconds a picture", title=f"{settings.name}, {quality}, {engine}")
     for step, value in mean.items():
         table.add_row(step, f"{value:.2f}")
     table.add_section()
