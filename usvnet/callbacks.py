@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.callbacks import LearningRateMonitor, ModelCheckpoint, WeightAveraging
@@ -27,6 +28,7 @@ def run_callbacks(run_dir: Path | str) -> list[Callback]:
     return [
         ModelCheckpoint(folder, filename="best", monitor=MONITOR, mode="max", enable_version_counter=False),
         LastCheckpoint(folder),
+        StepSeed(),
         LearningRateMonitor(logging_interval="step"),
         OverlayPictures(),
         StatusLine(),
@@ -77,6 +79,19 @@ class LastCheckpoint(ModelCheckpoint):
         """Save on Ctrl-C, except while validating, when the averaged weights stand in for the raw ones."""
         if isinstance(exception, KeyboardInterrupt) and trainer.training and trainer.global_step > 0:
             trainer.save_checkpoint(Path(self.dirpath or ".") / "last.ckpt")
+
+
+class StepSeed(Callback):
+    """Seed torch anew before every step, so that a resumed run draws in its losses what an uninterrupted one draws."""
+
+    def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Keep the seed of the run (``seed_everything``)."""
+        self.seed = torch.initial_seed()
+
+    def on_train_batch_start(self, trainer: Trainer, pl_module: LightningModule, batch: Any, batch_idx: int) -> None:
+        """Derive the step's seed from the run's, the epoch, the batch and the process."""
+        step = (self.seed, trainer.current_epoch, batch_idx, trainer.global_rank)
+        torch.manual_seed(int(np.random.SeedSequence(step).generate_state(1)[0]))
 
 
 class OverlayPictures(Callback):

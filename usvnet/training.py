@@ -23,7 +23,8 @@ class USVModule(LightningModule):
     """The network with its losses, its optimiser and its validation scores.
 
     Args:
-        variant: size of the network, one of n, s, m, l, x.
+        variant: the network: n, s, m, l, x (YOLO11), v8n, v8s, v8m, v8l, v8x (YOLOv8), v8n-p6, v8s-p6, v8m-p6, v8l-p6 or
+            v8x-p6 (YOLOv8-P6).
         loss_weights: what each loss counts.
         optimiser: which optimiser and how its learning rate moves.
         range_loss_start_epoch: first epoch (from 0) in which laser ranges teach; keypoints are too rough before.
@@ -55,8 +56,7 @@ class USVModule(LightningModule):
         self.range_loss_start_epoch = range_loss_start_epoch
         self.average = MovingAverage(ema_decay, ema_ramp_steps)
         self.stamp = {"variant": variant, "curved_water": curved_water}
-        self._records: list[list[BoatRecord]] = []
-        self._truths: list[list[TruthRecord]] = []
+        self._scored: dict[int, tuple[list[BoatRecord], list[TruthRecord]]] = {}
 
     def forward(self, image: Tensor, camera: Camera) -> Prediction:
         """Find and range the boats, see :meth:`usvnet.model.USVNet.forward`."""
@@ -104,23 +104,24 @@ class USVModule(LightningModule):
     def validation_step(self, batch: Batch, batch_idx: int) -> dict[str, Prediction]:
         """Predict with the averaged weights and keep the boats for scoring."""
         prediction = self(batch.image, batch.camera)
-        self._records += to_records(prediction)
-        self._truths += to_truths(batch.boats)
+        pictures = zip(to_records(prediction), to_truths(batch.boats), strict=True)
+        self._scored.update(zip(batch.frame_index.tolist(), pictures, strict=True))
         return {"prediction": prediction}
 
     def on_validation_epoch_end(self) -> None:
-        """Score the whole validation set, the pictures of other processes included."""
-        records, truths = self._gather(self._records), self._gather(self._truths)
-        self._records, self._truths = [], []
-        scalars = validation_scalars(score(records, truths))
+        """Score the whole validation set, the pictures of other processes included, each of them once."""
+        pictures = [picture for _, picture in sorted(self._gather(self._scored).items())]
+        self._scored = {}
+        scalars = validation_scalars(score([boats for boats, _ in pictures], [truths for _, truths in pictures]))
         self.log_dict({f"val/{name}": value for name, value in scalars.items()})
 
-    def _gather(self, pictures: list[Any]) -> list[Any]:
+    def _gather(self, pictures: dict[int, Any]) -> dict[int, Any]:
+        """Merge by picture: where they do not divide evenly, the loaders of several processes repeat some."""
         if self.trainer.world_size == 1:
             return pictures
         parts: list[Any] = [None] * self.trainer.world_size
         torch.distributed.all_gather_object(parts, pictures)
-        return [picture for part in parts for picture in part]
+        return {index: picture for part in parts for index, picture in part.items()}
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """Build the optimiser and the learning rate's course over the whole run."""

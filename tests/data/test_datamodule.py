@@ -13,7 +13,11 @@ def test_the_loaders_see_every_picture(tiny: Path):
     data = BoatDataModule(str(tiny), image_size=64, batch_size=3)
     data.setup("fit")
     torch.manual_seed(0)
-    epochs = [torch.cat([batch.frame_index for batch in data.train_dataloader()]).tolist() for _ in range(6)]
+    loader = data.train_dataloader()
+    epochs = []
+    for epoch in range(6):
+        loader.sampler.set_epoch(epoch)
+        epochs.append(torch.cat([batch.frame_index for batch in loader]).tolist())
     assert all(sorted(epoch) == [0, 1, 2, 3] for epoch in epochs)
     assert len(set(map(tuple, epochs))) > 1
     assert [batch.frame_index.tolist() for batch in data.val_dataloader()] == [[0, 1]]
@@ -43,6 +47,16 @@ def test_workers_repeat_themselves_but_not_each_other(tiny: Path):
     torch.manual_seed(3)
     alone = BoatDataModule(str(tiny), image_size=64, batch_size=2)
     assert next(iter(alone.val_dataloader())).image.shape == (2, 3, 64, 64)
+
+
+def test_an_epoch_is_the_same_with_and_without_workers_and_whatever_was_drawn_before(tiny: Path):
+    _, first = epoch_with_workers(tiny)
+    torch.manual_seed(3)
+    alone = BoatDataModule(str(tiny), image_size=64, batch_size=2).train_dataloader()
+    torch.rand(100)
+    assert torch.equal(next(iter(alone)).image, first.image)
+    alone.sampler.set_epoch(1)
+    assert not torch.equal(next(iter(alone)).image, first.image)
 
 
 def test_the_two_workers_draw_different_numbers(tiny: Path):

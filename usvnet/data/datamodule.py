@@ -10,6 +10,7 @@ from torch.utils.data import DataLoader
 from usvnet.data.dataset import BoatDataset, Sample, collate
 from usvnet.data.reader import read_dataset
 from usvnet.data.records import Frame
+from usvnet.data.sampling import TrainingSampler
 from usvnet.data.transforms import AugmentationConfig
 
 DEFAULT_AUGMENTATION = AugmentationConfig()
@@ -56,6 +57,7 @@ class BoatDataModule(LightningDataModule):
         self.cache_mb = cache_mb
         self.augmentation = augmentation
         self._datasets: dict[str, BoatDataset] = {}
+        self._start = (0, 0)
 
     def setup(self, stage: str) -> None:
         """Read the splits of a stage and decode their pictures, so that a fault shows before training begins."""
@@ -82,8 +84,12 @@ class BoatDataModule(LightningDataModule):
         return self.dataset(split).frames
 
     def train_dataloader(self) -> DataLoader[Sample]:
-        """Load augmented training pictures in random order, every one of them each epoch."""
-        return self._loader("train")
+        """Load augmented training pictures in random order, every one of them each epoch.
+
+        Order and augmentation follow from torch's initial seed (``seed_everything``) and the epoch; a resumed run goes
+        on with the epoch's next picture.
+        """
+        return self._loader("train", self._training_sampler())
 
     def val_dataloader(self) -> DataLoader[Sample]:
         """Load letterboxed validation pictures in order."""
@@ -93,11 +99,30 @@ class BoatDataModule(LightningDataModule):
         """Load letterboxed test pictures in order."""
         return self._loader("test")
 
-    def _loader(self, split: str) -> DataLoader[Sample]:
+    def state_dict(self) -> dict[str, int]:
+        """Say where training is: the epoch, and the batches of it that have been seen."""
+        assert self.trainer is not None
+        loop = self.trainer.fit_loop
+        batches = loop.epoch_loop.batch_progress
+        over = batches.is_last_batch and batches.current.completed == batches.current.ready
+        epoch: int = loop.epoch_progress.current.processed  # type: ignore[attr-defined]
+        return {"epoch": epoch, "batches_seen": 0 if over else batches.current.completed}
+
+    def load_state_dict(self, state_dict: dict[str, int]) -> None:
+        """Go on where a checkpoint was written."""
+        self._start = (state_dict["epoch"], state_dict["batches_seen"])
+
+    def _training_sampler(self) -> TrainingSampler:
+        rank, processes = (0, 1) if self.trainer is None else (self.trainer.global_rank, self.trainer.world_size)
+        epoch, batches_seen = self._start
+        pictures, skip = len(self.dataset("train")), batches_seen * self.batch_size
+        return TrainingSampler(pictures, torch.initial_seed(), rank, processes, epoch, skip)
+
+    def _loader(self, split: str, sampler: TrainingSampler | None = None) -> DataLoader[Sample]:
         return DataLoader(
             self.dataset(split),
             batch_size=self.batch_size,
-            shuffle=split == "train",
+            sampler=sampler,
             num_workers=self.num_workers,
             collate_fn=collate,
             worker_init_fn=_calm_worker,

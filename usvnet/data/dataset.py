@@ -10,6 +10,7 @@ from torch.utils.data import Dataset
 
 from usvnet.data.pictures import Picture, PictureCache
 from usvnet.data.records import Frame
+from usvnet.data.sampling import Draw
 from usvnet.data.transforms import (
     Affine,
     AugmentationConfig,
@@ -22,6 +23,7 @@ from usvnet.data.transforms import (
     warp,
 )
 from usvnet.geometry.camera import letterbox_matrix, stack_cameras
+from usvnet.geometry.hull_model import stack_hulls
 from usvnet.types import NEAREST_WATERLINE, NUM_KEYPOINTS, Batch, Boats
 
 TRIES = 10
@@ -40,8 +42,8 @@ class Sample:
 class BoatDataset(Dataset[Sample]):
     """Pictures letterboxed to ``size_px`` x ``size_px`` and, for training, augmented.
 
-    Randomness comes from torch's generator, which the data loader seeds differently in each worker:
-    ``seed_everything`` makes a run repeatable.
+    A :class:`usvnet.data.sampling.Draw` brings the seed of its augmentation along; a plain index takes one from torch's
+    generator.
 
     Args:
         frames: what :func:`usvnet.data.read_dataset` returned.
@@ -77,15 +79,17 @@ class BoatDataset(Dataset[Sample]):
                 return
             self.cache.read(frame.image_path, frame.size_px)
 
-    def __getitem__(self, index: int) -> Sample:
+    def __getitem__(self, draw: int | Draw) -> Sample:
         """Make a sample, a different one each time when augmenting."""
+        index = draw.picture if isinstance(draw, Draw) else draw
         native = self.frames[index]
         picture = self.cache.read(native.image_path, native.size_px)
         letterbox = self.letterbox_matrix(index).numpy()
         from_cached = letterbox @ resize_matrix((picture.shape[1], picture.shape[0]), native.size_px)
         if self.augmentation is None:
             return Sample(warp(picture, from_cached, self.size_px), move_frame(native, letterbox, self.size_px), index)
-        rng = np.random.default_rng(int(torch.randint(2**63 - 1, (1,))))
+        seed = draw.seed if isinstance(draw, Draw) else int(torch.randint(2**63 - 1, (1,)))
+        rng = np.random.default_rng(seed)
         A, frame = self._place(native, letterbox, self.augmentation, rng)
         picture = warp(picture, A @ from_cached, self.size_px)
         if rng.random() < self.augmentation.mirror:
@@ -132,4 +136,5 @@ def collate(samples: list[Sample]) -> Batch:
         camera=stack_cameras([frame.camera for frame in frames]),
         boats=boats,
         frame_index=torch.tensor([sample.index for sample in samples]),
+        hull=stack_hulls([frame.hull for frame in frames]),
     )
