@@ -15,6 +15,7 @@ from usvnet.callbacks import LastCheckpoint, MovingAverage
 from usvnet.checkpoints import load_model
 from usvnet.config import LossWeights, OptimiserConfig
 from usvnet.geometry.camera import make_camera, project, stack_cameras
+from usvnet.geometry.hull_model import generic_hull
 from usvnet.training import USVModule
 from usvnet.types import NEAREST_WATERLINE, Batch, Boats
 
@@ -58,7 +59,7 @@ def synthetic_batch(pictures: int, seed: int) -> Batch:
         reference=torch.full((pictures, 1), NEAREST_WATERLINE),
     )
     image = torch.from_numpy(np.stack([picture for picture, _, _ in drawn])).permute(0, 3, 1, 2).float() / 255
-    return Batch(image, stack_cameras([CAMERA] * pictures), boats, torch.arange(pictures))
+    return Batch(image, stack_cameras([CAMERA] * pictures), boats, torch.arange(pictures), generic_hull(pictures))
 
 
 def loader(batches: int, pictures: int, seed: int = 0) -> DataLoader:

@@ -69,6 +69,22 @@ class Camera(NamedTuple):
     """(B,)"""
     roll_std_rad: Tensor
     """(B,)"""
+    wave_std_m: Tensor
+    """(B,) standard deviation of the water at a boat about mean water, the same for every point of that boat."""
+
+
+class Hull(NamedTuple):
+    """The shape of the boats in B pictures: one a picture.
+
+    Hull frame: x forward, y to port, z up, the origin amidships on the resting waterline.
+    """
+
+    points_m: Tensor
+    """(B, 7, 3) the keypoints, in the order of :data:`KEYPOINT_NAMES`."""
+    scale_std: Tensor
+    """(B,) standard deviation of the logarithm of the true size over this one; 0 where the size is known."""
+    point_std_m: Tensor
+    """(B,) standard deviation of every coordinate of every keypoint: how well the shape is known."""
 
 
 class Boats(NamedTuple):
@@ -100,6 +116,8 @@ class Batch(NamedTuple):
     boats: Boats
     frame_index: Tensor
     """(B,) int64 position in the dataset."""
+    hull: Hull
+    """The hull that each picture shows, mirrored where the picture is; a generic one where none is known."""
 
 
 class NetworkOutput(NamedTuple):

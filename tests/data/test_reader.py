@@ -10,6 +10,13 @@ from usvnet.data import Faults, read_dataset
 from usvnet.data.formats.coco import write_coco
 from usvnet.data.formats.yolo import write_data_yaml
 from usvnet.geometry.camera_files import load_camera, save_camera
+from usvnet.geometry.hull_files import save_hull
+from usvnet.geometry.hull_model import generic_hull
+from usvnet.types import Hull
+
+
+def read_hulls(root: Path, split: str) -> list[Hull]:
+    return [frame.hull for frame in read_dataset(root, split)]
 
 
 def append(path: Path, text: str) -> None:
@@ -57,6 +64,24 @@ def test_several_cameras_are_told_apart(tiny: Path):
     assert [frame.camera.height_m.item() for frame in read_dataset(tiny, "train")] == [1.5, 1.5, 3.0, 1.5]
     (tiny / "frames.csv").write_text("image,camera\n" + rows.replace("mast", "stern"))
     with pytest.raises(ValueError, match=r"camera of train/0002\.png is stern, expected one of front, mast"):
+        read_dataset(tiny, "train")
+
+
+def test_the_hull_is_the_one_named_else_the_only_one_else_a_generic_one(tiny: Path):
+    known = Hull(torch.rand(1, 7, 3), scale_std=torch.tensor([0.1]), point_std_m=torch.tensor([0.01]))
+    for hull in read_hulls(tiny, "train"):
+        torch.testing.assert_close(hull.points_m, generic_hull().points_m)
+    save_hull(known, tiny / "hulls" / "skiff.yaml")
+    assert all(torch.equal(hull.points_m, known.points_m) for hull in read_hulls(tiny, "train"))
+    save_hull(known._replace(points_m=2 * known.points_m), tiny / "hulls" / "barge.yaml")
+    (tiny / "frames.csv").write_text("image,hull\ntrain/0001.png,barge\ntrain/0002.png,skiff\ntrain/0003.png,\n")
+    unnamed, barge, skiff, empty = read_hulls(tiny, "train")
+    for hull in (unnamed, empty):
+        torch.testing.assert_close(hull.points_m, generic_hull().points_m)
+    assert torch.equal(barge.points_m, 2 * skiff.points_m)
+    assert skiff.scale_std == known.scale_std
+    (tiny / "frames.csv").write_text("image,hull\ntrain/0001.png,yacht\n")
+    with pytest.raises(ValueError, match=r"hull of train/0001\.png is yacht, expected one of barge, skiff"):
         read_dataset(tiny, "train")
 
 

@@ -52,4 +52,4 @@ def test_its_tables_hold_nothing_but_what_a_user_could_measure(sample: Path):
 def test_its_hulls_are_read(sample: Path):
     hulls = [load_hull(path) for path in sorted((sample / "hulls").glob("*.yaml"))]
     assert len(hulls) == 8
-    assert all(0.9 <= float(hull[0, 0] - hull[4, 0]) <= 1.8 for hull in hulls)
+    assert all(0.9 <= float(hull.points_m[0, 0, 0] - hull.points_m[0, 4, 0]) <= 1.8 for hull in hulls)

@@ -17,6 +17,7 @@ from usvnet.data.transforms import (
     resize_matrix,
     warp,
 )
+from usvnet.geometry.hull_model import mirror_hull
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.types import FLIP_INDEX, KEYPOINT_NAMES
 
@@ -78,6 +79,7 @@ def test_ranges_stay_in_a_mirror_and_port_becomes_starboard(make_frame):
     mirrored = mirror_frame(frame)
     expected = water_ranges(frame).reshape(2, 7)[:, list(FLIP_INDEX)]
     torch.testing.assert_close(water_ranges(mirrored).reshape(2, 7), expected, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(mirror_hull(mirrored.hull).points_m, frame.hull.points_m)
     width = frame.size_px[0]
     left, right = KEYPOINT_NAMES.index("bow_left"), KEYPOINT_NAMES.index("bow_right")
     np.testing.assert_allclose(mirrored.keypoints_px[:, left, 0], width - 1 - frame.keypoints_px[:, right, 0])

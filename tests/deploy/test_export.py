@@ -7,7 +7,7 @@ from torch.nn import functional
 
 from usvnet.deploy import export
 from usvnet.deploy.deployed import INPUTS, OUTPUTS, DeployedUSVNet
-from usvnet.deploy.parity import check_parity, probe_camera
+from usvnet.deploy.parity import camera_std, check_parity, probe_camera
 from usvnet.model import USVNet
 
 
@@ -38,8 +38,7 @@ def inputs(batch, height, width):
     camera = probe_camera(batch, height, width)
     blobs = torch.rand((batch, 3, 8, 10), generator=torch.Generator().manual_seed(1))
     image = functional.interpolate(blobs, (height, width), mode="bicubic").clamp(0, 1)
-    std = torch.stack([camera.focal_std_px, camera.height_std_m, camera.pitch_std_rad, camera.roll_std_rad], -1)
-    return image, camera, std
+    return image, camera, camera_std(camera)
 
 
 def answer(module, batch, height, width, with_std=True):

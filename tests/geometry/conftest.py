@@ -25,6 +25,7 @@ def camera() -> Camera:
         height_std_m=0.02,
         pitch_std_rad=math.radians(0.3),
         roll_std_rad=math.radians(0.5),
+        wave_std_m=0.03,
         dtype=torch.float64,
     )
 

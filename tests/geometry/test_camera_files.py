@@ -15,7 +15,7 @@ camera_name: bow
 camera_matrix: {rows: 3, cols: 3, data: [700.5, 0.0, 322, 0, 690.25, 236.5, 0, 0, 1]}
 distortion_model: plumb_bob
 distortion_coefficients: {rows: 1, cols: 5, data: [-0.28, 0.09, 1e-3, -0.0007, 0.005]}
-mount: {height_m: 1.5, pitch_deg: 6, roll_deg: -3.0, pitch_std_deg: 0.3}
+mount: {height_m: 1.5, pitch_deg: 6, roll_deg: -3.0, pitch_std_deg: 0.3, wave_std_m: 0.02}
 """
 
 # What the calibration sample of OpenCV 4 writes (samples/cpp/calibration.cpp), shortened, and a mount below it.
@@ -45,6 +45,7 @@ mount:
    pitch_deg: 6.
    roll_deg: -3.
    pitch_std_deg: 0.3
+   wave_std_m: 0.02
 """
 
 
@@ -58,6 +59,7 @@ def example():
         pitch_rad=math.radians(6),
         roll_rad=math.radians(-3),
         pitch_std_rad=math.radians(0.3),
+        wave_std_m=0.02,
     )
 
 
@@ -108,7 +110,8 @@ def test_what_opencv_writes_is_read(tmp_path, example):
     storage.write("camera_matrix", example.K[0].double().numpy())
     storage.write("distortion_coefficients", example.distortion.double().numpy())
     storage.startWriteStruct("mount", cv2.FileNode_MAP)
-    for key, value in (("height_m", 1.5), ("pitch_deg", 6.0), ("roll_deg", -3.0), ("pitch_std_deg", 0.3)):
+    mount = {"height_m": 1.5, "pitch_deg": 6.0, "roll_deg": -3.0, "pitch_std_deg": 0.3, "wave_std_m": 0.02}
+    for key, value in mount.items():
         storage.write(key, value)
     storage.endWriteStruct()
     storage.release()

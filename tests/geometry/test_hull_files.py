@@ -2,21 +2,27 @@ import pytest
 import torch
 
 from usvnet.geometry.hull_files import load_hull, save_hull
-from usvnet.types import KEYPOINT_NAMES
+from usvnet.types import KEYPOINT_NAMES, Hull
+
+
+def exact(points_m: torch.Tensor) -> Hull:
+    return Hull(points_m[None], scale_std=torch.zeros(1), point_std_m=torch.zeros(1))
 
 
 def test_written_hull_loads_back_identically(tmp_path):
     torch.manual_seed(0)
-    keypoints = torch.randn(7, 3)
-    save_hull(keypoints, tmp_path / "hull.yaml")
-    assert torch.equal(load_hull(tmp_path / "hull.yaml"), keypoints)
+    hull = Hull(*(torch.rand(1, *shape) for shape in ((7, 3), (), ())))
+    save_hull(hull, tmp_path / "hull.yaml")
+    assert all(torch.equal(a, b) for a, b in zip(load_hull(tmp_path / "hull.yaml"), hull, strict=True))
 
 
 def test_keypoints_come_in_the_packages_order(tmp_path):
     lines = [f"  {name}: [{index}, 0.5, 1e-3]" for index, name in enumerate(KEYPOINT_NAMES)]
     path = tmp_path / "hull.yaml"
     path.write_text("\n".join(["keypoints:", *reversed(lines)]))
-    torch.testing.assert_close(load_hull(path), torch.tensor([[i, 0.5, 0.001] for i in range(7)]))
+    hull = load_hull(path)
+    torch.testing.assert_close(hull.points_m, torch.tensor([[[i, 0.5, 0.001] for i in range(7)]]))
+    assert hull.scale_std.item() == hull.point_std_m.item() == 0
 
 
 @pytest.mark.parametrize(
@@ -27,11 +33,14 @@ def test_keypoints_come_in_the_packages_order(tmp_path):
         (("bow: [0.0, 0.0, 0.0]", "bow: [0.0, 0.0]"), "hull.yaml: keypoints: bow: expected x, y and z, got 2"),
         (("bow: [0.0, 0.0, 0.0]", "bow: [0.0, 0.0, .nan]"), "hull.yaml: keypoints: bow: expected a finite number"),
         (("keypoints:", "points:"), "hull.yaml: keypoints is missing"),
+        (("scale_std:", "scale_sdt:"), "hull.yaml: unknown key 'scale_sdt'; expected one of keypoints, scale_std"),
+        (("scale_std: 0.0", "scale_std: -0.1"), "hull.yaml: scale_std: expected a standard deviation of at least 0"),
+        (("point_std_m: 0.0", "point_std_m: wide"), "hull.yaml: point_std_m: expected a finite number"),
     ],
 )
 def test_bad_hull_files_name_file_and_key(tmp_path, edit, sentence):
     path = tmp_path / "hull.yaml"
-    save_hull(torch.zeros(7, 3), path)
+    save_hull(exact(torch.zeros(7, 3)), path)
     path.write_text(path.read_text().replace(*edit))
     with pytest.raises(ValueError, match=sentence):
         load_hull(path)
@@ -39,6 +48,6 @@ def test_bad_hull_files_name_file_and_key(tmp_path, edit, sentence):
 
 def test_no_hull_is_written_from_bad_numbers(tmp_path):
     for bad in (torch.zeros(6, 3), torch.full((7, 3), torch.inf)):
-        with pytest.raises(ValueError, match="expected 7 x 3 finite numbers"):
-            save_hull(bad, tmp_path / "hull.yaml")
+        with pytest.raises(ValueError, match="expected one hull of 7 x 3 finite numbers"):
+            save_hull(exact(bad), tmp_path / "hull.yaml")
     assert not any(tmp_path.iterdir())

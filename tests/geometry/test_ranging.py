@@ -104,7 +104,7 @@ def test_std_is_the_first_order_of_autograd(camera, water_px, pixel_covariance, 
         torch.einsum("pi,pij,pj->p", J, pixel_covariance[0], J)
         + (by_pitch[0, :, 0] * camera.pitch_std_rad) ** 2
         + (by_roll[0, :, 0] * camera.roll_std_rad) ** 2
-        + (by_height[0, :, 0] * camera.height_std_m) ** 2
+        + by_height[0, :, 0] ** 2 * (camera.height_std_m**2 + camera.wave_std_m**2)
         + (by_scale[0] * camera.focal_std_px / camera.K[0, 1, 1]) ** 2
     )
     got = layer.range_points(water_px, pixel_covariance, camera)
@@ -127,7 +127,7 @@ def test_std_is_monte_carlos(camera, water_px, pixel_covariance, curved):
     K[:, 1, 1] *= 1 + fraction
     noisy = camera._replace(
         K=K,
-        height_m=camera.height_m + noise(camera.height_std_m),
+        height_m=camera.height_m + noise(camera.height_std_m) + noise(camera.wave_std_m),
         pitch_rad=camera.pitch_rad + noise(camera.pitch_std_rad),
         roll_rad=camera.roll_rad + noise(camera.roll_std_rad),
     )

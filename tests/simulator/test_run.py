@@ -120,7 +120,7 @@ def test_cameras_and_hulls_are_those_of_the_scenario(config, complete):
         read = load_camera(complete / "cameras" / f"{name}.yaml")
         assert all(bool((a == b).all()) for a, b in zip(read, camera, strict=True))
     boat = next(boat for truth in read_truths(complete) for boat in truth["boats"])
-    hull = load_hull(complete / "hulls" / f"{boat['spec']['hull']['name']}.yaml").numpy()
+    hull = load_hull(complete / "hulls" / f"{boat['spec']['hull']['name']}.yaml").points_m[0].numpy()
     np.testing.assert_array_equal(hull, np.array(boat["hull_keypoints_m"], np.float32))
 
 

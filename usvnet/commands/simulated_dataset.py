@@ -20,7 +20,7 @@ from usvnet.geometry.hull_files import save_hull
 from usvnet.simulator.dataset_writer import IMAGES, read_truths
 from usvnet.simulator.tables import boat_rows, frame_row, range_rows, write_table
 from usvnet.simulator.truth import Truth, numbers_or_nan
-from usvnet.types import NEAREST_WATERLINE, NUM_KEYPOINTS, Camera
+from usvnet.types import NEAREST_WATERLINE, NUM_KEYPOINTS, Camera, Hull
 
 DATA_YAML = "data.yaml"
 CORNER_PX = -0.5
@@ -44,7 +44,8 @@ def write_dataset_files(root: Path, cameras: dict[str, Camera]) -> int:
     for name, camera in sorted(cameras.items()):
         save_camera(camera, root / "cameras" / f"{name}.yaml", name=name)
     for name, keypoints_m in sorted(_hulls(truths).items()):
-        save_hull(torch.from_numpy(keypoints_m.astype(np.float32)), root / "hulls" / f"{name}.yaml")
+        points_m, exact = torch.from_numpy(keypoints_m.astype(np.float32))[None], torch.zeros(1)
+        save_hull(Hull(points_m, scale_std=exact, point_std_m=exact), root / "hulls" / f"{name}.yaml")
     first_with_boat = sorted(truths, key=lambda truth: not truth["boats"])[:1]
     columns = [key for truth in first_with_boat for key in frame_row(truth)]
     write_table(root / "frames.csv", [frame_row(truth) for truth in truths], columns)

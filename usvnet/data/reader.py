@@ -4,7 +4,9 @@
 - ``images/<split>/*.jpg`` and, unless COCO, ``labels/<split>/*.txt``.
 - ``cameras/*.yaml``: one for all pictures, or several and a column ``camera`` in frames.csv.
 - ``ranges.csv``, optional: what the laser read.
-- ``frames.csv``, optional: camera, scene and measured attitude of each picture.
+- ``frames.csv``, optional: camera, hull, scene and measured attitude of each picture.
+- ``hulls/*.yaml``, optional: one for all pictures, or several and a column ``hull`` in frames.csv. A picture without
+  gets a generic hull.
 """
 
 import math
@@ -19,7 +21,9 @@ from usvnet.data.pictures import SUFFIXES
 from usvnet.data.records import SPLITS, Faults, Frame, Labels
 from usvnet.geometry.camera import with_attitude
 from usvnet.geometry.camera_files import load_camera
-from usvnet.types import NEAREST_WATERLINE, Camera
+from usvnet.geometry.hull_files import load_hull
+from usvnet.geometry.hull_model import generic_hull
+from usvnet.types import NEAREST_WATERLINE, Camera, Hull
 
 
 def read_dataset(root: Path | str, split: str, faults: Faults | None = None) -> list[Frame]:
@@ -42,6 +46,7 @@ def read_dataset(root: Path | str, split: str, faults: Faults | None = None) -> 
     if split not in splits:
         raise ValueError(f"{root / 'data.yaml'}: no split '{split}', expected one of {', '.join(splits or SPLITS)}")
     cameras = read_cameras(root / "cameras", faults)
+    hulls = read_hulls(root / "hulls", faults)
     notes = read_tables(root, faults)
     for name, picture in notes.items():
         with faults.catch():
@@ -60,6 +65,7 @@ def read_dataset(root: Path | str, split: str, faults: Faults | None = None) -> 
                 raise FileNotFoundError(f"{place}: no picture {image_path}")
             note = notes.get(name, FrameNotes())
             camera = _camera_of(root, name, note, cameras)
+            hull = _hull_of(root, name, note, hulls)
             width, height = camera.size_px[0].round().int().tolist()
             noted = len(faults.sentences)
             if coco is None:
@@ -72,7 +78,7 @@ def read_dataset(root: Path | str, split: str, faults: Faults | None = None) -> 
                     expected = f"{width} x {height} as its camera"
                     raise ValueError(f"{place}: {name} is {size_px[0]} x {size_px[1]}, expected {expected}")
             if len(faults.sentences) == noted:
-                frames.append(_frame(image_path, name, note, camera, labels, label_path))
+                frames.append(_frame(image_path, name, note, camera, hull, labels, label_path))
     return frames
 
 
@@ -90,6 +96,15 @@ def read_cameras(folder: Path, faults: Faults) -> dict[str, Camera]:
         with faults.catch():
             cameras[path.stem] = load_camera(path)
     return cameras
+
+
+def read_hulls(folder: Path, faults: Faults) -> dict[str, Hull]:
+    """Read every hull file of a folder, if there are any, by file name without its ending."""
+    hulls = {}
+    for path in sorted(path for path in folder.glob("*") if path.suffix in (".yaml", ".yml")):
+        with faults.catch():
+            hulls[path.stem] = load_hull(path)
+    return hulls
 
 
 def _picture_names(root: Path, folder: Path, faults: Faults) -> list[str]:
@@ -131,7 +146,19 @@ def _camera_of(root: Path, name: str, note: FrameNotes, cameras: dict[str, Camer
     )
 
 
-def _frame(image_path: Path, name: str, note: FrameNotes, camera: Camera, labels: Labels, label_path: Path) -> Frame:
+def _hull_of(root: Path, name: str, note: FrameNotes, hulls: dict[str, Hull]) -> Hull:
+    """Choose the picture's hull: the one named, else the only one there is, else a generic one."""
+    if note.hull is None:
+        return next(iter(hulls.values())) if len(hulls) == 1 else generic_hull()
+    if note.hull not in hulls:
+        known = f"expected one of {', '.join(hulls)}" if hulls else "but there is no hull file"
+        raise ValueError(f"{root / 'frames.csv'}: hull of {name} is {note.hull}, {known} (in {root / 'hulls'})")
+    return hulls[note.hull]
+
+
+def _frame(
+    image_path: Path, name: str, note: FrameNotes, camera: Camera, hull: Hull, labels: Labels, label_path: Path
+) -> Frame:
     """Put the laser's readings beside the boats they belong to."""
     boats = len(labels.boxes_px)
     range_m, range_std_m = np.zeros(boats), np.zeros(boats)
@@ -140,4 +167,4 @@ def _frame(image_path: Path, name: str, note: FrameNotes, camera: Camera, labels
         if i >= boats:
             raise ValueError(f"{note.line}: a range for instance {i}, but {label_path} has {boats} boats in {name}")
         range_m[i], range_std_m[i], reference[i] = reading.range_m, reading.range_std_m, reading.reference
-    return Frame(image_path, name, note.scene, camera, *labels, range_m, range_std_m, reference)
+    return Frame(image_path, name, note.scene, camera, *labels, range_m, range_std_m, reference, hull)

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from usvnet.types import NEAREST_WATERLINE, NUM_KEYPOINTS, Camera
+from usvnet.geometry.hull_model import generic_hull
+from usvnet.types import NEAREST_WATERLINE, NUM_KEYPOINTS, Camera, Hull
 
 SPLITS = ("train", "val", "test")
 
@@ -57,6 +58,8 @@ class Frame:
     """(n,) standard deviation of the reading, 0 where there is none or it is not known."""
     reference: NDArray[np.int64]
     """(n,) index of the keypoint the range belongs to, or NEAREST_WATERLINE."""
+    hull: Hull = field(default_factory=generic_hull)
+    """One hull (B = 1, float32), that of every boat in the picture; a generic one where none is known."""
 
     @property
     def size_px(self) -> tuple[int, int]:

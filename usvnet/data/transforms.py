@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from usvnet.data.pictures import Picture
 from usvnet.data.records import Frame
 from usvnet.geometry.camera import flip_camera, scale_matrix, transform_camera
+from usvnet.geometry.hull_model import mirror_hull
 from usvnet.types import FLIP_INDEX, NEAREST_WATERLINE, WATERLINE_KEYPOINTS
 
 Affine = NDArray[np.float64]
@@ -156,7 +157,7 @@ def mirror_picture(picture: Picture) -> Picture:
 
 
 def mirror_frame(frame: Frame) -> Frame:
-    """Mirror camera and labels left for right; port and starboard change places."""
+    """Mirror camera, hull and labels left for right; port and starboard change places."""
     width, _ = frame.size_px
     boxes = frame.boxes_px.copy()
     boxes[:, [0, 2]] = width - 1 - frame.boxes_px[:, [2, 0]]
@@ -166,6 +167,7 @@ def mirror_frame(frame: Frame) -> Frame:
     return dataclasses.replace(
         frame,
         camera=flip_camera(frame.camera),
+        hull=mirror_hull(frame.hull),
         boxes_px=boxes,
         keypoints_px=keypoints,
         visibility=frame.visibility[:, index],

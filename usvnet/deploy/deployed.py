@@ -19,8 +19,9 @@ INPUTS = {
     "height_m": "(B,) optical centre above mean water",
     "pitch_rad": "(B,) optical axis below the horizontal",
     "roll_rad": "(B,) camera turned clockwise, seen from behind it",
-    "camera_std": "(B, 4) standard deviations of focal length (px), height (m), pitch (rad), roll (rad); may be left "
-    "out, and the ranges' standard deviations then count the keypoints' alone",
+    "camera_std": "(B, 5) standard deviations of focal length (px), height (m), pitch (rad), roll (rad) and of the "
+    "water at a boat about mean water (m); may be left out, and the ranges' standard deviations then count the "
+    "keypoints' alone",
 }
 OUTPUTS = {
     "boxes_px": "(B, N, 4) x1, y1, x2, y2",
@@ -44,7 +45,6 @@ ESTIMATES = {
 }
 """What there is for each estimator, named ``<estimator>_<estimate>``."""
 
-SIZE_MULTIPLE = 32
 GREY = FILL / 255
 """What training fills margins with, on the scale of the input."""
 
@@ -82,7 +82,7 @@ class DeployedUSVNet(nn.Module):
         """Find and range the boats in B pictures; see :data:`INPUTS`, :data:`OUTPUTS` and :data:`ESTIMATES`."""
         batch, height, width = image.shape[0], image.shape[2], image.shape[3]
         if camera_std is None:
-            camera_std = torch.zeros([batch, 4], dtype=K.dtype, device=K.device)
+            camera_std = torch.zeros([batch, 5], dtype=K.dtype, device=K.device)
         camera = Camera(
             K=K,
             distortion=distortion,
@@ -94,8 +94,10 @@ class DeployedUSVNet(nn.Module):
             height_std_m=camera_std[:, 1],
             pitch_std_rad=camera_std[:, 2],
             roll_std_rad=camera_std[:, 3],
+            wave_std_m=camera_std[:, 4],
         )
-        prediction = self.model(fill_up(image).contiguous(memory_format=torch.channels_last), camera)
+        filled = fill_up(image, self.model.network.largest_stride_px)
+        prediction = self.model(filled.contiguous(memory_format=torch.channels_last), camera)
         named = {
             "boxes_px": prediction.boxes_px,
             "scores": prediction.scores,
@@ -109,8 +111,8 @@ class DeployedUSVNet(nn.Module):
         return named
 
 
-def fill_up(image: Tensor, multiple: int = SIZE_MULTIPLE, value: float = GREY) -> Tensor:
-    """Grow pictures (B, 3, H, W) at the right and at the bottom to multiples of 32."""
+def fill_up(image: Tensor, multiple: int, value: float = GREY) -> Tensor:
+    """Grow pictures (B, 3, H, W) at the right and at the bottom to multiples of the network's largest stride."""
     right = (multiple - image.shape[3] % multiple) % multiple
     bottom = (multiple - image.shape[2] % multiple) % multiple
     return functional.pad(image, [0, right, 0, bottom], value=value)

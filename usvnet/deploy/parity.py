@@ -16,8 +16,8 @@ from usvnet.heatmap import HEATMAP_STRIDE, SIGMA_CELLS, decode
 from usvnet.model import USVNet
 from usvnet.types import Camera
 
-BATCH_AND_SIZE_PX = ((1, 96, 128), (2, 96, 128), (1, 192, 160), (2, 192, 160))
-"""Batch, height and width of the pictures compared."""
+BATCH_AND_SIZE = ((1, 3, 4), (2, 3, 4), (1, 6, 5), (2, 6, 5))
+"""Batch, height and width of the pictures compared, the latter two in the network's largest strides."""
 TOLERANCE_PX = 0.01
 TOLERANCE_M = 0.001
 """At 10 m. A pixel's worth of range grows with the square of the range, and so does what is tolerated."""
@@ -51,7 +51,8 @@ def check_parity(model: USVNet, deployed: DeployedUSVNet, reloaded: nn.Module) -
     generator = torch.Generator().manual_seed(0)
     worst = Parity(0.0, 0.0, 0.0)
     with torch.inference_mode():
-        for batch, height, width in BATCH_AND_SIZE_PX:
+        for batch, rows, columns in BATCH_AND_SIZE:
+            height, width = rows * model.network.largest_stride_px, columns * model.network.largest_stride_px
             coarse = torch.rand((batch, 3, height // 16, width // 16), generator=generator)
             image = functional.interpolate(coarse, (height, width), mode="bicubic").clamp(0, 1)
             camera = probe_camera(batch, height, width)
@@ -85,7 +86,14 @@ def probe_camera(batch: int, height: int, width: int) -> Camera:
         height_std_m=0.02 * one,
         pitch_std_rad=0.002 * one,
         roll_std_rad=0.002 * one,
+        wave_std_m=0.01 * one,
     )
+
+
+def camera_std(camera: Camera) -> Tensor:
+    """The standard deviations of B cameras in the order of the input ``camera_std``."""
+    std = (camera.focal_std_px, camera.height_std_m, camera.pitch_std_rad, camera.roll_std_rad, camera.wave_std_m)
+    return torch.stack(std, -1)
 
 
 def compare_networks(model: USVNet, folded: USVNet, image: Tensor, camera: Camera) -> Parity:
@@ -114,8 +122,8 @@ def compare_networks(model: USVNet, folded: USVNet, image: Tensor, camera: Camer
 
 def compare_chains(deployed: DeployedUSVNet, reloaded: nn.Module, image: Tensor, camera: Camera) -> Parity:
     """Difference of everything that the whole chain answers, in memory and from the file."""
-    std = torch.stack([camera.focal_std_px, camera.height_std_m, camera.pitch_std_rad, camera.roll_std_rad], -1)
-    inputs = (image, camera.K, camera.distortion, camera.height_m, camera.pitch_rad, camera.roll_rad, std)
+    mount = (camera.K, camera.distortion, camera.height_m, camera.pitch_rad, camera.roll_rad)
+    inputs = (image, *mount, camera_std(camera))
     expected, got = deployed(*inputs), reloaded(*inputs)
     pixels = ("boxes_px", "keypoints_px")
     ranges = tuple(f"{estimator}_slant_m" for estimator in ESTIMATORS)

@@ -127,7 +127,7 @@ def prediction_meta(model: USVNet, dataset: BoatDataset, split: str) -> Meta:
 
 
 def frames_sha256(frames: Sequence[Frame]) -> str:
-    """Hash names, pictures and cameras (labels and ranges may change without a new prediction).
+    """Hash names, pictures, cameras and hulls (labels and ranges may change without a new prediction).
 
     Raises:
         FileNotFoundError: a picture is not there.
@@ -136,7 +136,7 @@ def frames_sha256(frames: Sequence[Frame]) -> str:
     for frame in frames:
         digest.update(frame.name.encode())
         digest.update(frame.image_path.read_bytes())
-        for tensor in frame.camera:
+        for tensor in (*frame.camera, *frame.hull):
             digest.update(tensor.numpy().tobytes())
     return digest.hexdigest()
 

@@ -32,6 +32,7 @@ def make_camera(
     height_std_m: float = 0.0,
     pitch_std_rad: float = 0.0,
     roll_std_rad: float = 0.0,
+    wave_std_m: float = 0.0,
     dtype: torch.dtype = torch.float32,
 ) -> Camera:
     """One camera (a batch of 1) from plain numbers, arrays or tensors.
@@ -47,6 +48,7 @@ def make_camera(
         height_std_m: standard deviation of the height.
         pitch_std_rad: standard deviation of the pitch.
         roll_std_rad: standard deviation of the roll.
+        wave_std_m: standard deviation of the water at a boat about mean water.
         dtype: of every tensor.
 
     Raises:
@@ -77,6 +79,7 @@ def make_camera(
         "height_std_m": height_std_m,
         "pitch_std_rad": pitch_std_rad,
         "roll_std_rad": roll_std_rad,
+        "wave_std_m": wave_std_m,
     }
     for name, std in stds.items():
         if not (math.isfinite(std) and std >= 0):
@@ -96,6 +99,7 @@ def make_camera(
         height_std_m=batch(height_std_m),
         pitch_std_rad=batch(pitch_std_rad),
         roll_std_rad=batch(roll_std_rad),
+        wave_std_m=batch(wave_std_m),
     )
 
 

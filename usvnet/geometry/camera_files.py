@@ -3,10 +3,11 @@
 Both keep K under ``camera_matrix`` and the plumb-bob coefficients under ``distortion_coefficients``; they differ in
 header, tags and the keys that only one of them knows. ``mount:`` says how the camera stands over the water::
 
-    mount: {height_m: 1.5, pitch_deg: 6.0, roll_deg: 0.0, height_std_m: 0.01, pitch_std_deg: 0.3, roll_std_deg: 0.3}
+    mount: {height_m: 1.5, pitch_deg: 6.0, roll_deg: 0.0, height_std_m: 0.01, pitch_std_deg: 0.3, roll_std_deg: 0.3,
+            wave_std_m: 0.02}
 
-Standard deviations may be left out (then 0), and ``focal_std_px`` may stand beside ``mount``. Files hold degrees, a
-:class:`~usvnet.types.Camera` radians.
+Standard deviations may be left out (then 0), and ``focal_std_px`` may stand beside ``mount``; ``wave_std_m`` is that of
+the water at a boat about mean water. Files hold degrees, a :class:`~usvnet.types.Camera` radians.
 """
 
 import json
@@ -31,7 +32,7 @@ from usvnet.geometry.yaml_files import (
 )
 from usvnet.types import Camera
 
-MOUNT_KEYS = ("height_m", "pitch_deg", "roll_deg", "height_std_m", "pitch_std_deg", "roll_std_deg")
+MOUNT_KEYS = ("height_m", "pitch_deg", "roll_deg", "height_std_m", "pitch_std_deg", "roll_std_deg", "wave_std_m")
 DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 """ROS names that are read; the second one only while its further coefficients are zero."""
 
@@ -65,6 +66,7 @@ def load_camera(path: Path | str) -> Camera:
         height_std_m=mount["height_std_m"],
         pitch_std_rad=math.radians(mount["pitch_std_deg"]),
         roll_std_rad=math.radians(mount["roll_std_deg"]),
+        wave_std_m=mount["wave_std_m"],
     )
 
 
@@ -138,6 +140,7 @@ def _mount_texts(camera: Camera) -> dict[str, str]:
         "height_std_m": decimal_text(camera.height_std_m[0]),
         "pitch_std_deg": decimal_text(camera.pitch_std_rad[0], degrees=True),
         "roll_std_deg": decimal_text(camera.roll_std_rad[0], degrees=True),
+        "wave_std_m": decimal_text(camera.wave_std_m[0]),
     }
 
 

@@ -1,32 +1,49 @@
-"""Hull files: where the seven keypoints sit on a known boat.
+"""Hull files: where the seven keypoints sit on a known boat, and how well that is known.
 
 The hull frame: x forward, y to port, z up, in metres, with the origin amidships on the resting waterline::
 
     keypoints:
       bow: [0.73, 0.0, 0.16]
       ...
+    scale_std: 0.02
+    point_std_m: 0.005
+
+``scale_std``, the relative standard deviation of the boat's size, and ``point_std_m``, that of each coordinate, may
+be left out (then 0).
 """
 
 from pathlib import Path
 
 import torch
-from torch import Tensor
 
 from usvnet.files import atomic_write
-from usvnet.geometry.yaml_files import as_mapping, as_numbers, decimal_text, read_mapping, refuse_unknown, require
-from usvnet.types import KEYPOINT_NAMES, NUM_KEYPOINTS
+from usvnet.geometry.yaml_files import (
+    Mapping,
+    as_mapping,
+    as_number,
+    as_numbers,
+    decimal_text,
+    read_mapping,
+    refuse_unknown,
+    require,
+)
+from usvnet.types import KEYPOINT_NAMES, NUM_KEYPOINTS, Hull
+
+KEYS = ("keypoints", "scale_std", "point_std_m")
 
 
-def load_hull(path: Path | str) -> Tensor:
-    """Read the keypoints (7, 3) of a hull, float32 metres, in the order of ``KEYPOINT_NAMES``.
+def load_hull(path: Path | str) -> Hull:
+    """Read a hull file as one float32 hull (a batch of 1).
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: the file and key that is missing, unknown or not three finite numbers.
+        ValueError: the file and key that is missing, unknown or not as expected.
     """
     path = Path(path)
     where = f"{path}: keypoints"
-    keypoints = as_mapping(require(read_mapping(path), "keypoints", f"{path}"), where)
+    content = read_mapping(path)
+    keypoints = as_mapping(require(content, "keypoints", f"{path}"), where)
+    refuse_unknown(content, KEYS, f"{path}")
     refuse_unknown(keypoints, KEYPOINT_NAMES, where)
     rows = []
     for name in KEYPOINT_NAMES:
@@ -34,19 +51,29 @@ def load_hull(path: Path | str) -> Tensor:
         if len(row) != 3:
             raise ValueError(f"{where}: {name}: expected x, y and z, got {len(row)} numbers")
         rows.append(row)
-    return torch.tensor(rows)
+    scale_std, point_std_m = (torch.tensor([_read_std(content, key, path)]) for key in KEYS[1:])
+    return Hull(torch.tensor([rows]), scale_std, point_std_m)
 
 
-def save_hull(keypoints_m: Tensor, path: Path | str) -> None:
-    """Write the keypoints (7, 3) of a hull, metres, so that :func:`load_hull` gives them back bit by bit (as float32).
+def save_hull(hull: Hull, path: Path | str) -> None:
+    """Write one hull (a batch of 1) so that :func:`load_hull` gives it back bit by bit (as float32).
 
     Raises:
         ValueError: another shape, or numbers that are not finite.
     """
-    if keypoints_m.shape != (NUM_KEYPOINTS, 3) or not bool(torch.isfinite(keypoints_m).all()):
-        raise ValueError(f"{path}: expected 7 x 3 finite numbers, got shape {tuple(keypoints_m.shape)}")
+    points = hull.points_m
+    if points.shape != (1, NUM_KEYPOINTS, 3) or not all(bool(torch.isfinite(field).all()) for field in hull):
+        raise ValueError(f"{path}: expected one hull of 7 x 3 finite numbers, got shape {tuple(points.shape)}")
     lines = ["# metres, hull frame: x forward, y port, z up, origin amidships on the resting waterline", "keypoints:"]
-    for name, keypoint in zip(KEYPOINT_NAMES, keypoints_m):
+    for name, keypoint in zip(KEYPOINT_NAMES, points[0]):
         lines.append(f"  {name}: [{', '.join(decimal_text(coordinate) for coordinate in keypoint)}]")
+    lines += [f"scale_std: {decimal_text(hull.scale_std[0])}", f"point_std_m: {decimal_text(hull.point_std_m[0])}"]
     with atomic_write(path) as temporary:
         temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def _read_std(content: Mapping, key: str, path: Path) -> float:
+    std = as_number(content.get(key, 0.0), f"{path}: {key}")
+    if std < 0:
+        raise ValueError(f"{path}: {key}: expected a standard deviation of at least 0, got {std:g}")
+    return std

@@ -132,9 +132,10 @@ class RangingLayer(nn.Module):
     def range_points(self, points_px: Tensor, covariance_px2: Tensor, camera: Camera) -> RangeEstimate:
         """Range of points on the water (B, P, 2) with covariances (B, P, 2, 2), by B cameras: shape (B, P).
 
-        The standard deviation is first order in the keypoint, the camera's pitch, roll, height and focal length (fx
-        and fy wrong by the same fraction), taken as independent. Slant range depends on the ray only through the
-        sine of its depression, the Y of its direction, so one chain rule serves flat and curved water.
+        The standard deviation is first order in the keypoint and the camera's pitch, roll, focal length (fx and fy
+        wrong by the same fraction) and height above the water at the boat (mount and wave), taken as independent. Slant
+        range depends on the ray only through the sine of its depression, the Y of its direction, so one chain rule
+        serves flat and curved water.
         """
         dtype = torch.promote_types(torch.promote_types(points_px.dtype, camera.K.dtype), torch.float32)
         camera = _cast(camera, dtype)
@@ -153,7 +154,7 @@ class RangingLayer(nn.Module):
             + (by_log_focal * (camera.focal_std_px / camera.K[..., 1, 1]).unsqueeze(-1)) ** 2
             + (by_pitch * camera.pitch_std_rad.unsqueeze(-1)) ** 2
             + (by_roll * camera.roll_std_rad.unsqueeze(-1)) ** 2
-            + (hit.slant_by_height * camera.height_std_m.unsqueeze(-1)) ** 2
+            + hit.slant_by_height**2 * (camera.height_std_m**2 + camera.wave_std_m**2).unsqueeze(-1)
         )
 
         infinite = torch.full_like(hit.slant_m, float("inf"))
@@ -181,6 +182,7 @@ def _cast(camera: Camera, dtype: torch.dtype) -> Camera:
         height_std_m=camera.height_std_m.to(dtype),
         pitch_std_rad=camera.pitch_std_rad.to(dtype),
         roll_std_rad=camera.roll_std_rad.to(dtype),
+        wave_std_m=camera.wave_std_m.to(dtype),
     )
 
 

@@ -59,7 +59,7 @@ def _draw_hull(name: str, hull: HullSettings, place: float, seed: int) -> HullSp
     if hull.length_m is not None:
         return HullSpec(name, hull.family, hull.length_m.low + place * (hull.length_m.high - hull.length_m.low), seed)
     assert hull.keypoints_file is not None
-    points = load_hull(hull.keypoints_file).double().numpy()
+    points = load_hull(hull.keypoints_file).points_m[0].double().numpy()
     keypoints = tuple((float(x), float(y), float(z)) for x, y, z in points)
     return HullSpec(name, "mesh", float(np.ptp(points[:, 0])), seed, hull.mesh_file, keypoints)
 

@@ -233,7 +233,7 @@ def _pixel_rays(key: LensKey) -> Doubles:
         torch.tensor(K, dtype=torch.float64).reshape(1, 3, 3),
         torch.tensor([distortion], dtype=torch.float64),
         torch.tensor([[width, height]], dtype=torch.float64),
-        *[one] * 7,
+        *[one] * 8,
     )
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     return _undistorted(np.stack([u, v], -1).reshape(-1, 2).astype(np.float64), camera)

@@ -1,6 +1,7 @@
 """The truths of a dataset as tables: frames.csv, boats.csv and ranges.csv.
 
-``frames.csv`` has a row a picture: all that was drawn for it, and the whole truth of its first boat. ``boats.csv`` has
+``frames.csv`` has a row a picture: all that was drawn for it, and the whole truth of its first boat (but ``hull``
+only where it is every boat's). ``boats.csv`` has
 a row a boat. ``ranges.csv`` is what the laser read, all that training may know of the distance. Angles are in degrees,
 points in the world frame (:mod:`usvnet.simulator`); an empty cell is a number that does not exist.
 """
@@ -55,6 +56,8 @@ def frame_row(truth: Truth) -> Row:
             row |= _column(f"{part}_{name}", value)
     if truth["boats"]:
         row |= _boat_columns(truth["boats"][0], camera["height_m"])
+        if len({boat["spec"]["hull"]["name"] for boat in truth["boats"]}) > 1:
+            row["hull"] = None  # a reader takes this column for the hull of every boat in the picture
     return row
 
 

@@ -1,4 +1,4 @@
-"""``ranges.csv`` (what the laser read) and ``frames.csv`` (which camera, which scene, which attitude), by picture.
+"""``ranges.csv`` (what the laser read) and ``frames.csv`` (which camera, hull, scene and attitude), by picture.
 
 Both are optional tables with a header and a column ``image``, the picture's path below ``images/``. Angles are in
 degrees. An empty cell is the same as a column that is not there.
@@ -26,6 +26,7 @@ class FrameNotes:
     """What the tables say about one picture; None where they say nothing."""
 
     camera: str | None = None
+    hull: str | None = None
     scene: str | None = None
     pitch_deg: float | None = None
     roll_deg: float | None = None
@@ -84,13 +85,14 @@ def _rows(path: Path, faults: Faults, allowed: tuple[str, ...] = ()) -> Iterator
 
 
 def _note_row(line: str, row: dict[str, str], notes: dict[str, FrameNotes]) -> FrameNotes:
-    """Keep camera, scene and attitude of one row."""
+    """Keep camera, hull, scene and attitude of one row."""
     if not row.get("image"):
         raise ValueError(f"{line}: no image named, expected a path below images/ such as train/0001.jpg")
     picture = notes.setdefault(row["image"], FrameNotes())
     picture.line = line
     try:
         picture.note("camera", row.get("camera"))
+        picture.note("hull", row.get("hull"))
         picture.note("scene", row.get("scene"))
         for key in ATTITUDE_COLUMNS:
             value = _number(row, key, float)
