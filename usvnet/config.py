@@ -17,6 +17,7 @@ class LossWeights:
         visibility: binary cross entropy of "is seen".
         heatmap: divergence of the heatmaps; at 4, half a pixel costs about as much here as in the coarse keypoints.
         range: relative error of the slant range.
+        covariance: likelihood of the labels under the keypoints' covariance; starts together with the range.
     """
 
     box: float = 7.5
@@ -26,6 +27,7 @@ class LossWeights:
     visibility: float = 1.0
     heatmap: float = 4.0
     range: float = 1.0
+    covariance: float = 0.5
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -105,6 +105,22 @@ def decode(
         (B, N, K, 2) keypoints in input pixels and (B, N, K, 2, 2) their covariance. Where a coarse keypoint lies
         outside the map there is nothing to read: it is returned as it is, with the window's width as its sigma.
     """
+    mean, spread, readable = window_moments(logits, coarse_px, stride, radius, sigma_cells)
+    identity = torch.eye(2, device=logits.device, dtype=logits.dtype)
+    doubt = clamp_eigenvalues(spread - sigma_cells**2 * identity, floor_px2 / stride**2)
+    covariance = torch.where(readable[..., None], doubt, float(radius) ** 2 * identity) * stride**2
+    return torch.where(readable, cell_to_px(mean, stride), coarse_px), covariance
+
+
+def window_moments(
+    logits: Tensor, coarse_px: Tensor, stride: int, radius: int, sigma_cells: float
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Mean and spread of the softmax in the window around a coarse keypoint; arguments as in :func:`decode`.
+
+    Returns:
+        (B, N, K, 2) mean in cells, (B, N, K, 2, 2) covariance of the softmax itself in cells^2, ``sigma_cells``
+        included, and (B, N, K, 1) bool, False where the coarse keypoint lies outside the map and neither means a thing.
+    """
     h, w = logits.shape[2], logits.shape[3]
     coarse = px_to_cell(coarse_px, stride)
     limit = torch.tensor([w, h], device=logits.device, dtype=logits.dtype)
@@ -118,10 +134,7 @@ def decode(
     mean = mean + _edge_correction(mean, limit, radius, sigma_cells)
     deviation = cells - mean[..., None, :]
     covariance = (probability * deviation).transpose(-1, -2) @ deviation
-    identity = torch.eye(2, device=logits.device, dtype=logits.dtype)
-    doubt = _clamp_eigenvalues(covariance - sigma_cells**2 * identity, floor_px2 / stride**2)
-    covariance = torch.where(readable[..., None], doubt, float(radius) ** 2 * identity) * stride**2
-    return torch.where(readable, cell_to_px(mean, stride), coarse_px), covariance
+    return mean, covariance, readable
 
 
 def _edge_correction(mean: Tensor, limit: Tensor, radius: int, sigma_cells: float) -> Tensor:
@@ -144,7 +157,7 @@ def _edge_correction(mean: Tensor, limit: Tensor, radius: int, sigma_cells: floa
     return torch.minimum(centre.clamp(min=-1.0), limit) - mean
 
 
-def _clamp_eigenvalues(matrix: Tensor, floor: float) -> Tensor:
+def clamp_eigenvalues(matrix: Tensor, floor: float) -> Tensor:
     """Raise both eigenvalues of symmetric matrices (..., 2, 2) to at least ``floor``, in closed form.
 
     With half trace m and half spread r, the eigenvalues are m - r and m + r and the matrix is m I + r D with D

@@ -10,7 +10,9 @@ from usvnet.types import Boats, NetworkOutput
 
 from .scene import guess, label, mirror, perfect
 
-NOTHING = dict.fromkeys(("box", "dfl", "classification", "keypoint", "visibility", "heatmap", "range"), 0.0)
+NOTHING = dict.fromkeys(
+    ("box", "dfl", "classification", "keypoint", "visibility", "heatmap", "range", "covariance"), 0.0
+)
 BOXES = [[[9.0, 12.0, 40.0, 37.0], [44.0, 44.0, 58.0, 52.0]], [[20.0, 5.0, 29.0, 12.0], [0.0, 30.0, 33.0, 60.0]]]
 
 
@@ -39,10 +41,11 @@ def test_the_perfect_answer_costs_nothing():
 
 def test_the_total_is_the_weighted_sum_and_the_parts_are_for_reading_only():
     torch.manual_seed(0)
-    weights = LossWeights(1, 2, 3, 4, 5, 6, 7)
+    weights = LossWeights(1, 2, 3, 4, 5, 6, 7, 8)
     boats = label(BOXES, range_m=20.0)
     result = losses(guess(2), boats, torch.full((2, 2), 25.0), weights, range_scale=0.5)
     expected = sum(getattr(weights, name) * result[name] for name in NOTHING) - 0.5 * 7 * result["range"]
+    expected -= 0.5 * 8 * result["covariance"]
     torch.testing.assert_close(result["total"].detach(), expected)
     assert result["total"].requires_grad
     assert not any(result[name].requires_grad for name in NOTHING)

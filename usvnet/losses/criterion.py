@@ -6,6 +6,7 @@ from torch import Tensor, nn
 from usvnet import heatmap
 from usvnet.config import LossWeights
 from usvnet.losses.assigner import Assignment
+from usvnet.losses.covariances import covariance_loss
 from usvnet.losses.detection import box_loss, classification_loss, distribution_focal_loss, side_distances
 from usvnet.losses.keypoints import heatmap_loss, keypoint_loss, visibility_loss
 from usvnet.losses.ranges import range_loss
@@ -68,11 +69,12 @@ class Criterion(nn.Module):
             assignment: of this output to these boats, see :func:`usvnet.losses.assigner.assign`.
             slant_m: (B, N) predicted slant range of the point that each boat's range label belongs to.
             slant_valid: (B, N) bool, whether that range exists.
-            range_scale: further factor on the weight of the range, for a curriculum.
+            range_scale: further factor on the weights of the range and of the covariance, for a curriculum.
 
         Returns:
             Scalars: ``total``, the weighted sum (not multiplied by the batch size), to differentiate; and, detached
-            and unweighted, ``box``, ``dfl``, ``classification``, ``keypoint``, ``visibility``, ``heatmap``, ``range``.
+            and unweighted, ``box``, ``dfl``, ``classification``, ``keypoint``, ``visibility``, ``heatmap``, ``range``,
+            ``covariance``.
         """
         picture, anchor = assignment.foreground.nonzero(as_tuple=True)
         boat = assignment.boat_index[picture, anchor]
@@ -81,6 +83,8 @@ class Criterion(nn.Module):
         visibility = boats.visibility[picture, boat]
         distances = side_distances(boxes_px, output.anchors_px[anchor].float(), output.strides_px[anchor].float())
         jitter_cells = HEATMAP_JITTER_CELLS if self.training else 0
+        every_picture = torch.arange(len(boats.present), device=boats.present.device).unsqueeze(1)
+        coarse_px = output.keypoints_px[every_picture, assignment.best_anchor].float()
 
         losses = {
             "box": box_loss(output.boxes_px[picture, anchor].float(), boxes_px, weight),
@@ -98,8 +102,17 @@ class Criterion(nn.Module):
                 output.heatmap_logits.float(), boats, self.heatmap_sigma_cells, self.heatmap_radius, jitter_cells
             ),
             "range": range_loss(slant_m.float(), slant_valid, boats)[0],
+            "covariance": covariance_loss(
+                output.heatmap_logits.float(),
+                coarse_px,
+                boats,
+                self.heatmap_sigma_cells,
+                self.heatmap_radius,
+                heatmap.COVARIANCE_FLOOR_PX2,
+            ),
         }
         scale = {name: getattr(self.weights, name) for name in losses}
         scale["range"] *= range_scale
+        scale["covariance"] *= range_scale
         total = torch.stack([scale[name] * loss for name, loss in losses.items()]).sum()
         return {name: loss.detach() for name, loss in losses.items()} | {"total": total}
