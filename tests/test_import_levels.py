@@ -41,7 +41,7 @@ ONLY_IN = {
     "matplotlib": ["usvnet/evaluation/*", "usvnet/data/*", "usvnet/commands/*"],
     "cv2": [
         *("usvnet/geometry/calibration*.py", "usvnet/geometry/chessboard.py"),
-        *("usvnet/data/*", "usvnet/evaluation/*", "usvnet/commands/*", "usvnet/visualize.py", "usvnet/callbacks.py"),
+        *("usvnet/data/*", "usvnet/evaluation/*", "usvnet/commands/*", "usvnet/visualize/*", "usvnet/callbacks.py"),
         *("usvnet/simulator/*", "scripts/*"),
     ],
     **dict.fromkeys(("mitsuba", "drjit", "pyoidn"), RENDERING),

@@ -4,23 +4,36 @@ Port is red, starboard green and the centreline yellow, as a boat's lights would
 filled, one that is hidden is hollow. Pictures are RGB.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-Picture = NDArray[np.uint8]
-"""(H, W, 3) RGB."""
-Colour = tuple[int, int, int]
-Rectangle = tuple[float, float, float, float]
-"""x1, y1, x2, y2."""
+from usvnet.visualize.canvas import (
+    GREEN,
+    GREY,
+    INK,
+    PLUS_MINUS,
+    RED,
+    WHITE,
+    YELLOW,
+    Colour,
+    FloatArray,
+    Picture,
+    Rectangle,
+    around,
+    disc,
+    ellipse,
+    frame,
+    line,
+    rounded,
+    text,
+    text_size,
+    translucent,
+)
 
-RED, GREEN, YELLOW = (255, 82, 71), (57, 217, 138), (255, 209, 66)
-WHITE, GREY, INK = (255, 255, 255), (178, 192, 208), (13, 22, 36)
 KEYPOINT_COLOURS = (YELLOW, RED, GREEN, YELLOW, RED, GREEN, YELLOW)
 HULL_LINES = (
     *((0, 3, YELLOW), (3, 6, YELLOW), (4, 5, YELLOW)),  # stem, waterline, transom
@@ -29,13 +42,8 @@ HULL_LINES = (
 )
 """The hull as pairs of keypoints."""
 
-PLUS_MINUS = "\u00b1" if int(cv2.__version__.split(".")[0]) >= 5 else "+-"  # OpenCV 4 draws ASCII only
-FONT = cv2.FONT_HERSHEY_SIMPLEX
-STRONG_FONT = cv2.FONT_HERSHEY_DUPLEX
 SMALL_PICTURE_PX = 640
 """Pictures below this are drawn on at twice their size, or letters would not be legible."""
-SHIFT = 4
-"""OpenCV draws at 1/16 of a pixel."""
 
 
 class BoatDrawing(NamedTuple):
@@ -109,41 +117,6 @@ def close_up(picture: Picture, boats: Sequence[BoatDrawing], size_px: tuple[int,
     return canvas
 
 
-def contact_sheet(
-    pictures: Sequence[Picture], columns: int, captions: Sequence[str] = (), title: str = "", gap_px: int = 12
-) -> Picture:
-    """Lay out pictures in rows on a dark ground.
-
-    Args:
-        pictures: RGB, all of one size.
-        columns: pictures a row.
-        captions: a line of text over each picture, or none.
-        title: a line over all.
-        gap_px: space between pictures.
-
-    Raises:
-        ValueError: no picture, or pictures of different sizes.
-    """
-    sizes = sorted({picture.shape[:2] for picture in pictures})
-    if len(sizes) != 1:
-        raise ValueError(f"contact sheet: got pictures of {len(sizes)} sizes {sizes}, expected one size")
-    height, width = sizes[0]
-    columns = min(columns, len(pictures))
-    rows = -(-len(pictures) // columns)
-    caption_px, title_px = (30 if captions else 0), (52 if title else 0)
-    step = (height + gap_px + caption_px, width + gap_px)
-    sheet = np.full((rows * step[0] + gap_px + title_px, columns * step[1] + gap_px, 3), INK, np.uint8)
-    if title:
-        _text(sheet, title, (gap_px + 2, 40), 1.0, WHITE, strong=True)
-    for n, picture in enumerate(pictures):
-        top = title_px + gap_px + caption_px + n // columns * step[0]
-        left = gap_px + n % columns * step[1]
-        sheet[top : top + height, left : left + width] = picture
-        if captions:
-            _text(sheet, captions[n], (left + 2, top - 9), 0.55, GREY)
-    return sheet
-
-
 def _moved(boat: BoatDrawing, scale: float, origin_px: FloatArray | float = 0.0) -> BoatDrawing:
     def move(points_px: FloatArray) -> FloatArray:
         return scale * (points_px - origin_px + 0.5) - 0.5  # pixel centres are integers
@@ -174,14 +147,14 @@ def _inset(
     height, width = canvas.shape[:2]
     scale = 0.27 * min(height, width) / max(picture.shape[:2])
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    _frame(small, scale * (corner + 0.5) - 0.5, scale * (corner + part + 0.5) - 0.5, WHITE)
+    frame(small, scale * (corner + 0.5) - 0.5, scale * (corner + part + 0.5) - 0.5, WHITE)
     rows, columns = small.shape[:2]
     gap = round(0.02 * width)
     middle = np.mean([boat.box_px.reshape(2, 2).mean(axis=0) for boat in boats], axis=0)
     left = gap if middle[0] > width / 2 else width - gap - columns
     top = gap if middle[1] > height / 2 else height - gap - rows
     canvas[top : top + rows, left : left + columns] = small
-    _frame(canvas, np.array([left - 1, top - 1]), np.array([left + columns, top + rows]), WHITE)
+    frame(canvas, np.array([left - 1, top - 1]), np.array([left + columns, top + rows]), WHITE)
     return left, top, left + columns, top + rows
 
 
@@ -191,21 +164,22 @@ def _draw_boat(canvas: Picture, boat: BoatDrawing, unit: float) -> None:
     thin, thick = max(1, round(1.4 * unit)), max(1, round(2.2 * unit))
     _corners(canvas, boat.box_px, length_px, INK, thick + 2)
     _corners(canvas, boat.box_px, length_px, WHITE, thick)
-    with _translucent(canvas, 0.75) as layer:
+    drawn = boat.keypoints_px if boat.truth_px is None else np.concatenate([boat.keypoints_px, boat.truth_px])
+    with translucent(canvas, 0.75, around(drawn, 2 * thin)):
         if boat.truth_px is not None:
             for a, b, _ in HULL_LINES:
-                _line(layer, boat.truth_px[a], boat.truth_px[b], WHITE, thin)
+                line(canvas, boat.truth_px[a], boat.truth_px[b], WHITE, thin)
         for a, b, colour in HULL_LINES:
-            _line(layer, boat.keypoints_px[a], boat.keypoints_px[b], colour, thin)
+            line(canvas, boat.keypoints_px[a], boat.keypoints_px[b], colour, thin)
     points = [k for k in np.argsort(boat.seen) if np.isfinite(boat.keypoints_px[k]).all()]  # seen ones on top
     if boat.covariance_px2 is not None:
         for k in points:
-            _ellipse(canvas, boat.keypoints_px[k], boat.covariance_px2[k], KEYPOINT_COLOURS[k], thin)
+            ellipse(canvas, boat.keypoints_px[k], boat.covariance_px2[k], KEYPOINT_COLOURS[k], thin)
     for k in points:
         point, colour = boat.keypoints_px[k], KEYPOINT_COLOURS[k]
         size = radius if boat.seen[k] else radius + unit  # a ring needs room for its hole
-        _disc(canvas, point, size + 1.2 * unit, INK)
-        _disc(canvas, point, size, colour, -1 if boat.seen[k] else thin)
+        disc(canvas, point, size + 1.2 * unit, INK)
+        disc(canvas, point, size, colour, -1 if boat.seen[k] else thin)
 
 
 def _corners(canvas: Picture, box_px: FloatArray, length_px: float, colour: Colour, thickness: int) -> None:
@@ -214,25 +188,25 @@ def _corners(canvas: Picture, box_px: FloatArray, length_px: float, colour: Colo
     for x, inward in ((box_px[0], arm), (box_px[2], -arm)):
         for y, down in ((box_px[1], arm), (box_px[3], -arm)):
             corner = np.array([x, y])
-            _line(canvas, corner, corner + np.array([inward, 0]), colour, thickness)
-            _line(canvas, corner, corner + np.array([0, down]), colour, thickness)
+            line(canvas, corner, corner + np.array([inward, 0]), colour, thickness)
+            line(canvas, corner, corner + np.array([0, down]), colour, thickness)
 
 
 def _draw_label(canvas: Picture, boat: BoatDrawing, unit: float, taken: Sequence[Rectangle]) -> Rectangle:
     """Put the label beside the boat where it covers neither a boat nor another label; return its place."""
     scales = [0.62 * unit] + [0.5 * unit] * (len(boat.label) - 1)
-    sizes = [_text_size(text, scale, n == 0) for n, (text, scale) in enumerate(zip(boat.label, scales))]
+    sizes = [text_size(words, scale, n == 0) for n, (words, scale) in enumerate(zip(boat.label, scales))]
     pad, leading = 8 * unit, 7 * unit
     width = max(w for w, _ in sizes) + 2 * pad
     height = sum(h for _, h in sizes) + leading * (len(sizes) - 1) + 2 * pad
     left, top = _label_place(canvas, _rectangle(boat), (width, height), 10 * unit, taken)
     place = (left, top, left + width, top + height)
-    with _translucent(canvas, 0.82) as layer:
-        _rounded(layer, place, 5 * unit, INK)
+    with translucent(canvas, 0.82, place):
+        rounded(canvas, place, 5 * unit, INK)
     baseline = top + pad
-    for n, (text, scale, (_, letter_height)) in enumerate(zip(boat.label, scales, sizes)):
+    for n, (words, scale, (_, letter_height)) in enumerate(zip(boat.label, scales, sizes)):
         baseline += letter_height
-        _text(canvas, text, (round(left + pad), round(baseline)), scale, WHITE if n == 0 else GREY, strong=n == 0)
+        text(canvas, words, (round(left + pad), round(baseline)), scale, WHITE if n == 0 else GREY, strong=n == 0)
         baseline += leading
     return place
 
@@ -269,61 +243,3 @@ def _rectangle(boat: BoatDrawing) -> Rectangle:
     points = points[np.isfinite(points).all(axis=1)]
     (x1, y1), (x2, y2) = points.min(axis=0), points.max(axis=0)
     return float(x1), float(y1), float(x2), float(y2)
-
-
-@contextmanager
-def _translucent(canvas: Picture, opacity: float) -> Iterator[Picture]:
-    layer = canvas.copy()
-    yield layer
-    cv2.addWeighted(layer, opacity, canvas, 1 - opacity, 0, dst=canvas)
-
-
-def _fixed(values: FloatArray | Sequence[float]) -> tuple[int, int]:
-    x, y = np.clip(np.round(np.asarray(values) * 2**SHIFT), -(2**24), 2**24).astype(int).tolist()
-    return x, y
-
-
-def _line(canvas: Picture, start: FloatArray, end: FloatArray, colour: Colour, thickness: int) -> None:
-    if np.isfinite(start).all() and np.isfinite(end).all():
-        cv2.line(canvas, _fixed(start), _fixed(end), colour, thickness, cv2.LINE_AA, SHIFT)
-
-
-def _disc(canvas: Picture, centre: FloatArray, radius: float, colour: Colour, thickness: int = -1) -> None:
-    cv2.circle(canvas, _fixed(centre), round(radius * 2**SHIFT), colour, thickness, cv2.LINE_AA, SHIFT)
-
-
-def _ellipse(canvas: Picture, centre: FloatArray, covariance_px2: FloatArray, colour: Colour, thickness: int) -> None:
-    if not np.isfinite(covariance_px2).all():
-        return
-    variances, axes = np.linalg.eigh(covariance_px2)
-    turn = np.arange(0, 2 * np.pi, np.pi / 24)
-    circle = np.stack([np.cos(turn), np.sin(turn)]) * np.sqrt(np.maximum(variances, 0))[:, None]
-    outline = np.array([_fixed(point) for point in centre + (axes @ circle).T], np.int32)
-    with _translucent(canvas, 0.3) as layer:
-        cv2.fillPoly(layer, [outline], colour, cv2.LINE_AA, SHIFT)
-    cv2.polylines(canvas, [outline], True, colour, thickness, cv2.LINE_AA, SHIFT)
-
-
-def _frame(canvas: Picture, low: FloatArray, high: FloatArray, colour: Colour) -> None:
-    cv2.rectangle(canvas, _fixed(low), _fixed(high), colour, 1, cv2.LINE_AA, SHIFT)
-
-
-def _rounded(canvas: Picture, place: Rectangle, radius: float, colour: Colour) -> None:
-    x1, y1, x2, y2 = place
-    for centre, start in (((x2, y2), 0), ((x1, y2), 90), ((x1, y1), 180), ((x2, y1), 270)):
-        inward = np.where(np.array(centre) == (x1, y1), radius, -radius)
-        axes = (round(radius * 2**SHIFT),) * 2
-        cv2.ellipse(canvas, _fixed(centre + inward), axes, start, 0, 90, colour, -1, cv2.LINE_AA, SHIFT)
-    for a, b in (((x1 + radius, y1), (x2 - radius, y2)), ((x1, y1 + radius), (x2, y2 - radius))):
-        cv2.rectangle(canvas, _fixed(a), _fixed(b), colour, -1, cv2.LINE_AA, SHIFT)
-
-
-def _text_size(text: str, scale: float, strong: bool) -> tuple[int, int]:
-    (width, height), _ = cv2.getTextSize(text, STRONG_FONT if strong else FONT, scale, 1)
-    return width, height
-
-
-def _text(
-    canvas: Picture, text: str, origin: tuple[int, int], scale: float, colour: Colour, strong: bool = False
-) -> None:
-    cv2.putText(canvas, text, origin, STRONG_FONT if strong else FONT, scale, colour, 1, cv2.LINE_AA)
