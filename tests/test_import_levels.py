@@ -24,7 +24,7 @@ LEVELS = [
 ]
 """A room imports from itself and from the levels above it in this list, never from a neighbour."""
 
-METRICS = {f"usvnet.evaluation.{name}" for name in ("records", "pose_metrics", "range_metrics")}
+METRICS = {f"usvnet.evaluation.{name}" for name in ("records", "record_json", "pose_metrics", "range_metrics")}
 """Scoring needs arrays only: these stand lower than the rest of their folder."""
 
 TRAINING = ["usvnet/training.py", "usvnet/training_cli.py", "usvnet/callbacks.py", "usvnet/data/datamodule.py"]

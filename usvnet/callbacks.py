@@ -12,10 +12,9 @@ from lightning.pytorch.callbacks import LearningRateMonitor, ModelCheckpoint, We
 from lightning.pytorch.loggers import TensorBoardLogger
 from torch import Tensor
 
-from usvnet.evaluation.overlay import draw_boat
 from usvnet.evaluation.records import RANGE_CONFIDENCE, BoatRecord, TruthRecord, match_boats, to_records, to_truths
 from usvnet.types import Batch
-from usvnet.visualize import Picture, draw_boats, range_label
+from usvnet.visualize import Picture, draw_boat, draw_boats, range_label
 
 MONITOR = "val/strict_mAP50-95"
 """The score that chooses the best checkpoint."""

@@ -14,7 +14,7 @@ from usvnet.evaluation.paper_tables import SCENE_TITLES
 from usvnet.evaluation.range_metrics import SCENES
 from usvnet.evaluation.records import RANGE_CONFIDENCE, BoatRecord, TruthRecord, match_boats
 from usvnet.files import atomic_write
-from usvnet.visualize import BoatDrawing, Picture, close_up, contact_sheet, range_label
+from usvnet.visualize import Picture, close_up, contact_sheet, draw_boat, range_label
 
 ESTIMATOR = "waterline"
 TILE_PX = (480, 360)
@@ -69,18 +69,6 @@ def write_overlays(
             cv2.imwrite(str(temporary), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
         written.append(path)
     return written
-
-
-def draw_boat(boat: BoatRecord | None, truth: TruthRecord | None = None, label: tuple[str, ...] = ()) -> BoatDrawing:
-    """Turn records into a drawing; a missed boat (None) becomes its label's box and pale hull."""
-    pale = None if truth is None else np.where(truth.visibility[:, None] > 0, truth.keypoints_px, np.nan)
-    if boat is not None:
-        seen = boat.visibility > 0.5
-        return BoatDrawing(boat.box_px, boat.keypoints_px, seen, label, boat.keypoint_covariance_px2, pale)
-    if truth is None:
-        raise ValueError("draw_boat: got neither a prediction nor a label")
-    nothing = np.full_like(truth.keypoints_px, np.nan)
-    return BoatDrawing(truth.box_px, nothing, truth.visibility == 2, label, truth_px=pale)
 
 
 def _examples(

@@ -1,33 +1,25 @@
 """Predictions on disk: made once, with the record of what made them, and scored as often as one likes.
 
 A file is JSON Lines. The first line is ``{"meta": {...}}``: everything that the predictions depend on. Every other
-line is one picture, in its native pixels (integer centres)::
+line is one picture, in its native pixels (integer centres), with its boats as :mod:`usvnet.evaluation.record_json`
+writes them::
 
-    {"image": "test/0003.jpg", "boats": [{
-        "box_px": [x1, y1, x2, y2], "score": s, "keypoints_px": 7 x [u, v], "visibility": 7 x probability,
-        "keypoint_covariance_px2": 7 x [uu, uv, vv],
-        "box_bottom": {"slant_m", "slant_std_m", "interval_90_m", "horizontal_m", "bearing_deg", "position_m", "valid"},
-        "waterline": {...}}]}
-
-Keypoints stand in the order of :data:`usvnet.types.KEYPOINT_NAMES`. What is not finite is null: a ray above the
-horizon has no range.
+    {"image": "test/0003.jpg", "boats": [...]}
 """
 
 import json
-import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 from rich.console import Console
 from rich.progress import track
 from torch.utils.data import DataLoader
 
 from usvnet.data.dataset import BoatDataset, collate
-from usvnet.evaluation.range_metrics import Z_90
-from usvnet.evaluation.records import ESTIMATORS, BoatRecord, FloatArray, RangeRecord, to_records
+from usvnet.evaluation.record_json import boat_from_json, boat_to_json
+from usvnet.evaluation.records import BoatRecord, to_records
 from usvnet.files import atomic_write
 from usvnet.geometry.camera import camera_to
 from usvnet.model import USVNet
@@ -61,7 +53,7 @@ def write_predictions(path: Path | str, meta: Meta, pictures: Iterable[PicturePr
     with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write(json.dumps({"meta": meta}) + "\n")
         for image, boats in pictures:
-            line = {"image": image, "boats": [_boat_to_json(boat) for boat in boats]}
+            line = {"image": image, "boats": [boat_to_json(boat) for boat in boats]}
             file.write(json.dumps(line, allow_nan=False) + "\n")
 
 
@@ -86,7 +78,7 @@ def read_predictions(path: Path | str, meta: Meta | None = None) -> list[Picture
                     found = content["meta"]
                 else:
                     pictures.append(
-                        PicturePrediction(content["image"], [_boat_from_json(boat) for boat in content["boats"]])
+                        PicturePrediction(content["image"], [boat_from_json(boat) for boat in content["boats"]])
                     )
             except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
                 raise ValueError(f"{path}:{number}: not a line of a predictions file ({error!r})") from error
@@ -116,66 +108,3 @@ def _predict(model: USVNet, dataset: BoatDataset, batch_size: int) -> Iterator[P
         letterbox = torch.stack([dataset.letterbox_matrix(index) for index in indices])
         for index, boats in zip(indices, to_records(prediction, letterbox)):
             yield PicturePrediction(dataset.frames[index].name, boats)
-
-
-def _boat_to_json(boat: BoatRecord) -> dict[str, Any]:
-    covariance = boat.keypoint_covariance_px2
-    return {
-        "box_px": _compact(boat.box_px),
-        "score": _compact(boat.score),
-        "keypoints_px": _compact(boat.keypoints_px),
-        "visibility": _compact(boat.visibility),
-        "keypoint_covariance_px2": _compact(covariance[:, [0, 0, 1], [0, 1, 1]]),
-        **{name: _range_to_json(estimate) for name, estimate in boat.ranges.items()},
-    }
-
-
-def _range_to_json(estimate: RangeRecord) -> dict[str, Any]:
-    half_width_m = Z_90 * estimate.slant_std_m
-    return {
-        "slant_m": _compact(estimate.slant_m),
-        "slant_std_m": _compact(estimate.slant_std_m),
-        "interval_90_m": _compact([max(0.0, estimate.slant_m - half_width_m), estimate.slant_m + half_width_m])
-        if estimate.usable
-        else [None, None],
-        "horizontal_m": _compact(estimate.horizontal_m),
-        "bearing_deg": _compact(math.degrees(estimate.bearing_rad)),
-        "position_m": _compact(estimate.position_m),
-        "valid": estimate.valid,
-    }
-
-
-def _boat_from_json(boat: dict[str, Any]) -> BoatRecord:
-    covariance = _array(boat["keypoint_covariance_px2"])
-    return BoatRecord(
-        box_px=_array(boat["box_px"]),
-        score=boat["score"],
-        keypoints_px=_array(boat["keypoints_px"]),
-        keypoint_covariance_px2=covariance[:, [0, 1, 1, 2]].reshape(-1, 2, 2),
-        visibility=_array(boat["visibility"]),
-        ranges={name: _range_from_json(boat[name]) for name in ESTIMATORS},
-    )
-
-
-def _range_from_json(estimate: dict[str, Any]) -> RangeRecord:
-    return RangeRecord(
-        slant_m=float(_array(estimate["slant_m"])),
-        slant_std_m=float(_array(estimate["slant_std_m"])),
-        horizontal_m=float(_array(estimate["horizontal_m"])),
-        bearing_rad=math.radians(estimate["bearing_deg"]),
-        position_m=_array(estimate["position_m"]),
-        valid=estimate["valid"],
-    )
-
-
-def _compact(values: FloatArray | list[float] | float) -> Any:
-    """Numbers with the seven digits that float32 has; what is not finite becomes None."""
-    if isinstance(values, float):
-        return float(f"{values:.7g}") if math.isfinite(values) else None
-    return [_compact(value) for value in (values.tolist() if isinstance(values, np.ndarray) else values)]
-
-
-def _array(values: Any) -> FloatArray:
-    """Undo :func:`_compact`; None comes back as infinity."""
-    array = np.array(values, dtype=float)  # None becomes nan
-    return np.where(np.isnan(array), np.inf, array)

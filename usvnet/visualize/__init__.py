@@ -2,6 +2,7 @@
 
 from usvnet.visualize.boats import BoatDrawing, close_up, draw_boats, range_label
 from usvnet.visualize.canvas import GREEN, INK, RED, WHITE, Picture
+from usvnet.visualize.records import draw_boat
 from usvnet.visualize.sheet import contact_sheet
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "Picture",
     "close_up",
     "contact_sheet",
+    "draw_boat",
     "draw_boats",
     "range_label",
 ]

@@ -1,0 +1,94 @@
+"""One boat as JSON, in native pixels (integer centres).
+
+::
+
+    {"box_px": [x1, y1, x2, y2], "score": s, "keypoints_px": 7 x [u, v], "visibility": 7 x probability,
+     "keypoint_covariance_px2": 7 x [uu, uv, vv],
+     "box_bottom": {"slant_m", "slant_std_m", "interval_90_m", "horizontal_m", "bearing_deg", "position_m", "valid"},
+     "waterline": {...}}
+
+Keypoints stand in the order of :data:`usvnet.types.KEYPOINT_NAMES`. What is not finite is null: a ray above the
+horizon has no range.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from usvnet.evaluation.range_metrics import Z_90
+from usvnet.evaluation.records import ESTIMATORS, BoatRecord, FloatArray, RangeRecord
+
+
+def boat_to_json(boat: BoatRecord) -> dict[str, Any]:
+    """Say a boat in values that JSON can hold."""
+    covariance = boat.keypoint_covariance_px2
+    return {
+        "box_px": _compact(boat.box_px),
+        "score": _compact(boat.score),
+        "keypoints_px": _compact(boat.keypoints_px),
+        "visibility": _compact(boat.visibility),
+        "keypoint_covariance_px2": _compact(covariance[:, [0, 0, 1], [0, 1, 1]]),
+        **{name: _range_to_json(estimate) for name, estimate in boat.ranges.items()},
+    }
+
+
+def interval_90_m(estimate: RangeRecord) -> tuple[float, float]:
+    """Lower and upper end of the slant range's 90 % interval; infinite where there is no range."""
+    if not estimate.usable:
+        return math.inf, math.inf
+    half_width_m = Z_90 * estimate.slant_std_m
+    return max(0.0, estimate.slant_m - half_width_m), estimate.slant_m + half_width_m
+
+
+def _range_to_json(estimate: RangeRecord) -> dict[str, Any]:
+    return {
+        "slant_m": _compact(estimate.slant_m),
+        "slant_std_m": _compact(estimate.slant_std_m),
+        "interval_90_m": _compact(list(interval_90_m(estimate))),
+        "horizontal_m": _compact(estimate.horizontal_m),
+        "bearing_deg": _compact(math.degrees(estimate.bearing_rad)),
+        "position_m": _compact(estimate.position_m),
+        "valid": estimate.valid,
+    }
+
+
+def boat_from_json(boat: dict[str, Any]) -> BoatRecord:
+    """Undo :func:`boat_to_json`; keys that it does not write are left alone.
+
+    Raises:
+        KeyError, TypeError, ValueError: it is not a boat's.
+    """
+    covariance = _array(boat["keypoint_covariance_px2"])
+    return BoatRecord(
+        box_px=_array(boat["box_px"]),
+        score=boat["score"],
+        keypoints_px=_array(boat["keypoints_px"]),
+        keypoint_covariance_px2=covariance[:, [0, 1, 1, 2]].reshape(-1, 2, 2),
+        visibility=_array(boat["visibility"]),
+        ranges={name: _range_from_json(boat[name]) for name in ESTIMATORS},
+    )
+
+
+def _range_from_json(estimate: dict[str, Any]) -> RangeRecord:
+    return RangeRecord(
+        slant_m=float(_array(estimate["slant_m"])),
+        slant_std_m=float(_array(estimate["slant_std_m"])),
+        horizontal_m=float(_array(estimate["horizontal_m"])),
+        bearing_rad=math.radians(estimate["bearing_deg"]),
+        position_m=_array(estimate["position_m"]),
+        valid=estimate["valid"],
+    )
+
+
+def _compact(values: FloatArray | list[float] | float) -> Any:
+    """Numbers with the seven digits that float32 has; what is not finite becomes None."""
+    if isinstance(values, float):
+        return float(f"{values:.7g}") if math.isfinite(values) else None
+    return [_compact(value) for value in (values.tolist() if isinstance(values, np.ndarray) else values)]
+
+
+def _array(values: Any) -> FloatArray:
+    """Undo :func:`_compact`; None comes back as infinity."""
+    array = np.array(values, dtype=float)  # None becomes nan
+    return np.where(np.isnan(array), np.inf, array)
