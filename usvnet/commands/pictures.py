@@ -2,15 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from glob import glob
 from pathlib import Path
 
 import cv2
 
+from usvnet.data.picture_files import find_picture_files
 from usvnet.geometry.chessboard import Grey
-
-PICTURE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
-VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg"}
 
 
 @dataclass(frozen=True)
@@ -71,20 +68,5 @@ def open_pictures(source: str, every_n_frames: int) -> Pictures:
     """
     if every_n_frames < 1:
         raise ValueError(f"every_n_frames must be at least 1, got {every_n_frames}")
-    path = Path(source).expanduser()
-    if path.is_dir():
-        files = [file for file in path.iterdir() if file.suffix.lower() in PICTURE_SUFFIXES]
-    elif path.is_file():
-        files = [path]
-    else:
-        matches = glob(str(path), recursive=True)  # noqa: PTH207 - a pattern may be absolute, which Path.glob refuses
-        files = [Path(match) for match in matches if Path(match).is_file()]
-    if not files:
-        what = "no pictures in the folder" if path.is_dir() else "no file matches"
-        raise FileNotFoundError(f"{what} {source!r}")
-    videos = [file for file in files if file.suffix.lower() in VIDEO_SUFFIXES]
-    if videos and len(files) > 1:
-        raise ValueError(
-            f"{source!r} matches {len(files)} files, {videos[0]} among them: give one video or only photos"
-        )
-    return Pictures(tuple(sorted(files)), every_n_frames if videos else 0)
+    files, is_video = find_picture_files(source)
+    return Pictures(files, every_n_frames if is_video else 0)

@@ -1,0 +1,42 @@
+"""Which files a person means by a picture's name, a folder, a pattern or a video's name."""
+
+from glob import glob
+from pathlib import Path
+from typing import NamedTuple
+
+PICTURE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
+VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".wmv"}
+
+
+class PictureFiles(NamedTuple):
+    """Photographs, or one video."""
+
+    paths: tuple[Path, ...]
+    """Sorted; at least one."""
+    is_video: bool
+
+
+def find_picture_files(source: str) -> PictureFiles:
+    """Photographs by name or by a glob, all photographs of a folder, or one video.
+
+    Raises:
+        FileNotFoundError: nothing there.
+        ValueError: a video among several files.
+    """
+    path = Path(source).expanduser()
+    if path.is_dir():
+        files = [file for file in path.iterdir() if file.suffix.lower() in PICTURE_SUFFIXES]
+    elif path.is_file():
+        files = [path]
+    else:
+        matches = glob(str(path), recursive=True)  # noqa: PTH207 - a pattern may be absolute, which Path.glob refuses
+        files = [Path(match) for match in matches if Path(match).is_file()]
+    if not files:
+        what = "no pictures in the folder" if path.is_dir() else "no file matches"
+        raise FileNotFoundError(f"{what} {source!r}")
+    videos = [file for file in files if file.suffix.lower() in VIDEO_SUFFIXES]
+    if videos and len(files) > 1:
+        raise ValueError(
+            f"{source!r} matches {len(files)} files, {videos[0]} among them: give one video or only photos"
+        )
+    return PictureFiles(tuple(sorted(files)), bool(videos))
