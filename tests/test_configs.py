@@ -6,6 +6,7 @@ import sys
 import pytest
 import yaml
 
+from usvnet.network.variants import VARIANTS
 from usvnet.training_cli import OneLineParser, TrainingCLI
 
 
@@ -31,7 +32,7 @@ def test_every_experiment_builds_what_it_says(path, tmp_path):
     said = yaml.safe_load(path.read_text())
     assert cli.model.model.variant == said["model"]["variant"]
     assert cli.trainer.max_epochs == said["trainer"]["max_epochs"]
-    assert cli.datamodule.image_size % 32 == 0
+    assert cli.datamodule.image_size % cli.model.model.network.largest_stride_px == 0
 
 
 @pytest.mark.parametrize("path", files("experiment"), ids=lambda path: path.stem)
@@ -74,6 +75,17 @@ def test_the_paper_trains_by_its_table_1(tmp_path):
 def test_a_wrong_setting_is_named(argument, named, tmp_path):
     with pytest.raises(ValueError, match=named):
         build(tmp_path, "--config", "configs/experiment/quickstart.yaml", argument)
+
+
+@pytest.mark.parametrize("key", ["image_size", "eval_image_size"])
+def test_pictures_too_small_for_the_network_are_named(key, tmp_path):
+    arguments = ["--config", "configs/experiment/quickstart.yaml", "--model", "configs/model/v8n-p6.yaml"]
+    with pytest.raises(ValueError, match=rf"data\.{key} is 96, expected a multiple of 64"):
+        build(tmp_path, *arguments, f"--data.{key}=96")
+
+
+def test_every_variant_has_a_file():
+    assert {path.stem for path in files("model")} == VARIANTS.keys()
 
 
 def test_a_wrong_key_in_a_file_is_named(tmp_path):

@@ -6,6 +6,9 @@ import shutil
 import sys
 
 import pytest
+import torch
+
+from usvnet.model import USVNet
 
 
 @pytest.fixture
@@ -46,6 +49,14 @@ def test_a_training_configuration_evaluates_a_checkpoint(run, root, checkpoint, 
         run(*arguments, "--data.eval_image_size", 96)
     assert stopped.value.code == 2
     assert "made with image_size [64, 64], not [96, 96]" in capsys.readouterr().err
+
+
+def test_pictures_that_the_network_cannot_take_are_refused(run, root, capsys, tmp_path):
+    weights = {f"model.{name}": value for name, value in USVNet("v8n-p6").state_dict().items()}
+    torch.save({"usvnet": {"variant": "v8n-p6", "curved_water": False}, "state_dict": weights}, tmp_path / "p6.ckpt")
+    with pytest.raises(SystemExit):
+        run("--checkpoint", tmp_path / "p6.ckpt", "--data.root", root / "data" / "sample", "--data.image_size", 96)
+    assert "image_size is 96, expected a multiple of 64" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,8 @@ class USVNet(nn.Module):
     the same three steps (:attr:`network`, :meth:`locate`, :attr:`ranging`) at the labelled boats' own anchors.
 
     Args:
-        variant: size of the network, one of n, s, m, l, x.
+        variant: family and size of the network: n, s, m, l, x (YOLO11), v8n, v8s, v8m, v8l, v8x (YOLOv8), v8n-p6,
+            v8s-p6, v8m-p6, v8l-p6 or v8x-p6 (YOLOv8-P6).
         max_boats: N, boats reported a picture.
         score_threshold: lowest score reported.
         iou_threshold: boxes overlapping a better one by more than this are dropped (the paper's Table 1: 0.7).
@@ -43,7 +44,8 @@ class USVNet(nn.Module):
         """Find and range the boats.
 
         Args:
-            image: (B, 3, H, W) RGB in [0, 1]; H and W multiples of 32.
+            image: (B, 3, H, W) RGB in [0, 1]; H and W multiples of the network's ``largest_stride_px``, 32
+                (64 with YOLOv8-P6).
             camera: the B cameras of these very pictures (see :func:`usvnet.geometry.camera.letterbox_camera`).
 
         Returns:

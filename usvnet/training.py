@@ -23,8 +23,8 @@ class USVModule(LightningModule):
     """The network with its losses, its optimiser and its validation scores.
 
     Args:
-        variant: the network: n, s, m, l, x (YOLO11), v8n, v8s, v8m, v8l, v8x (YOLOv8), v8n-p6, v8s-p6, v8m-p6, v8l-p6 or
-            v8x-p6 (YOLOv8-P6).
+        variant: family and size of the network: n, s, m, l, x (YOLO11), v8n, v8s, v8m, v8l, v8x (YOLOv8), v8n-p6,
+            v8s-p6, v8m-p6, v8l-p6 or v8x-p6 (YOLOv8-P6).
         loss_weights: what each loss counts.
         optimiser: which optimiser and how its learning rate moves.
         range_loss_start_epoch: first epoch (from 0) in which laser ranges teach; keypoints are too rough before.

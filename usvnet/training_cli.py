@@ -14,6 +14,7 @@ from lightning.pytorch.trainer.states import TrainerStatus
 from usvnet.callbacks import CHECKPOINT_FOLDER, run_callbacks
 from usvnet.checkpoints import check_variant, read_checkpoint
 from usvnet.data.datamodule import BoatDataModule
+from usvnet.network.variants import check_picture_size
 from usvnet.training import USVModule
 
 TRAINER_DEFAULTS = {
@@ -60,6 +61,8 @@ class TrainingCLI(LightningCLI):
             run=False,
             auto_configure_optimizers=False,
         )
+        for key in ("image_size", "eval_image_size"):
+            check_picture_size(self.model.model.network, f"data.{key}", getattr(self.datamodule, key))
 
     def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         """Add what belongs to the run as a whole."""

@@ -22,7 +22,8 @@ class BoatDataModule(LightningDataModule):
 
     Args:
         root: the folder that holds data.yaml; a relative path counts from the working directory.
-        image_size: side of the square picture that the network sees in training, a multiple of 32.
+        image_size: side of the square picture that the network sees in training, a multiple of 32 (64 with
+            YOLOv8-P6).
         eval_image_size: the same for validation and test; null for ``image_size``. With a training zoom that reaches
             ``eval_image_size / image_size``, a network trained on cheap small crops is at home in large pictures.
         batch_size: pictures a batch.

@@ -16,6 +16,7 @@ from usvnet.evaluation.records import RANGE_CONFIDENCE, TruthRecord
 from usvnet.evaluation.report import print_report, write_report
 from usvnet.evaluation.scores import Scores, score
 from usvnet.model import USVNet
+from usvnet.network.variants import check_picture_size
 
 
 def evaluate_checkpoint(
@@ -41,10 +42,11 @@ def evaluate_checkpoint(
 
     Raises:
         FileNotFoundError: no such checkpoint.
-        ValueError: not a checkpoint of usvnet; a damaged picture; or the folder holds predictions made with something
-            else.
+        ValueError: not a checkpoint of usvnet; pictures of a size that its network does not take; a damaged picture;
+            or the folder holds predictions made with something else.
     """
     model = load_model(checkpoint).to("cuda" if torch.cuda.is_available() else "cpu")
+    check_picture_size(model.network, "image_size", max(dataset.size_px))
     output_dir = default_output(checkpoint, split) if output_dir is None else Path(output_dir)
     meta = prediction_meta(model, dataset, split) | {"checkpoint_sha256": sha256(checkpoint)}
     scores = evaluate(

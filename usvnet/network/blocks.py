@@ -1,7 +1,11 @@
-"""The building blocks of YOLO11 (Jocher & Qiu 2024; Khanam & Hussain, arXiv:2410.17725), channels explicit.
+"""The building blocks of YOLOv8 and YOLO11, channels explicit.
 
-Every block keeps the height and width of its input, except :class:`Conv` with a stride.
+YOLOv8: Jocher, Chaurasia & Qiu 2023. YOLO11: Jocher & Qiu 2024; Khanam & Hussain, arXiv:2410.17725. Every block keeps
+the height and width of its input, except :class:`Conv` with a stride. The families differ in the block that fills their
+stages: :class:`C2f` (YOLOv8), :class:`C2` (the neck of YOLOv8-P6), :class:`C3k2` (YOLO11).
 """
+
+from collections.abc import Iterable
 
 import torch
 from torch import Tensor, nn
@@ -52,8 +56,71 @@ class C3k(nn.Module):
         return self.merge(torch.cat([self.bottlenecks(self.enter(x)), self.bypass(x)], 1))
 
 
-class C3k2(nn.Module):
+class C2(nn.Module):
+    """Split in two, run one half through a chain of bottlenecks without residuals, the other half passed by.
+
+    Args:
+        c_in: channels in.
+        c_out: channels out.
+        repeats: bottlenecks in the chain.
+    """
+
+    def __init__(self, c_in: int, c_out: int, repeats: int):
+        super().__init__()
+        hidden = c_out // 2
+        self.enter = Conv(c_in, 2 * hidden)
+        self.chain = nn.Sequential(*(Bottleneck(hidden, hidden, residual=False) for _ in range(repeats)))
+        self.merge = Conv(2 * hidden, c_out)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, c_in, H, W) -> (B, c_out, H, W)."""
+        y, bypass = self.enter(x).chunk(2, 1)
+        return self.merge(torch.cat([self.chain(y), bypass], 1))
+
+
+class SplitChain(nn.Module):
     """Split in two, run one half through a chain of blocks, concatenate every stage of the chain.
+
+    Args:
+        c_in: channels in.
+        c_out: channels out.
+        hidden: channels of each half and of every block.
+        blocks: the chain.
+    """
+
+    def __init__(self, c_in: int, c_out: int, hidden: int, blocks: Iterable[nn.Module]):
+        super().__init__()
+        self.enter = Conv(c_in, 2 * hidden)
+        self.chain = nn.ModuleList(blocks)
+        self.merge = Conv((2 + len(self.chain)) * hidden, c_out)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, c_in, H, W) -> (B, c_out, H, W)."""
+        first, last = self.enter(x).chunk(2, 1)
+        stages = [first, last]
+        for block in self.chain:
+            last = block(last)
+            stages.append(last)
+        return self.merge(torch.cat(stages, 1))
+
+
+class C2f(SplitChain):
+    """YOLOv8's chain: bottlenecks as wide inside as outside.
+
+    Args:
+        c_in: channels in.
+        c_out: channels out.
+        repeats: blocks in the chain.
+        residual: each block adds its input (in the backbone) or does not (in the neck).
+    """
+
+    def __init__(self, c_in: int, c_out: int, repeats: int, residual: bool):
+        hidden = c_out // 2
+        super().__init__(c_in, c_out, hidden, (Bottleneck(hidden, hidden, residual) for _ in range(repeats)))
+
+
+class C3k2(SplitChain):
+    """YOLO11's chain: bottlenecks half as wide inside, or blocks that are chains themselves.
 
     Args:
         c_in: channels in.
@@ -64,20 +131,9 @@ class C3k2(nn.Module):
     """
 
     def __init__(self, c_in: int, c_out: int, repeats: int, deep: bool, expansion: float = 0.5):
-        super().__init__()
         hidden = int(c_out * expansion)
-        self.enter = Conv(c_in, 2 * hidden)
-        self.chain = nn.ModuleList(C3k(hidden) if deep else Bottleneck(hidden, hidden // 2) for _ in range(repeats))
-        self.merge = Conv((2 + repeats) * hidden, c_out)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, c_in, H, W) -> (B, c_out, H, W)."""
-        first, last = self.enter(x).chunk(2, 1)
-        stages = [first, last]
-        for block in self.chain:
-            last = block(last)
-            stages.append(last)
-        return self.merge(torch.cat(stages, 1))
+        blocks = (C3k(hidden) if deep else Bottleneck(hidden, hidden // 2) for _ in range(repeats))
+        super().__init__(c_in, c_out, hidden, blocks)
 
 
 class SPPF(nn.Module):

@@ -1,4 +1,4 @@
-"""The heads: boxes, scores and coarse keypoints at strides 8, 16, 32; heatmaps at stride 4."""
+"""The heads: boxes, scores and coarse keypoints at strides 8, 16, 32 (and 64); heatmaps at stride 4."""
 
 import math
 from typing import NamedTuple
@@ -8,7 +8,8 @@ from torch import Tensor, nn
 
 from usvnet.network.blocks import Conv
 
-STRIDES_PX = (8, 16, 32)
+STRIDES_PX = (8, 16, 32, 64)
+"""Of the pyramid's levels; all families but YOLOv8-P6 have the first three."""
 BOX_BINS = 16
 """Bins of the distribution over each box side's distance (Li et al., Generalized Focal Loss, 2020)."""
 
@@ -28,16 +29,30 @@ class Poses(NamedTuple):
 class PoseLevel(nn.Module):
     """The three branches at one stride; a forward pass concatenates them along the channels."""
 
-    def __init__(self, c_in: int, c_box: int, c_class: int, c_keypoint: int, num_keypoints: int, num_classes: int):
+    def __init__(
+        self,
+        c_in: int,
+        c_box: int,
+        c_class: int,
+        c_keypoint: int,
+        num_keypoints: int,
+        num_classes: int,
+        depthwise_score: bool,
+    ):
         super().__init__()
         self.box = nn.Sequential(Conv(c_in, c_box, 3), Conv(c_box, c_box, 3), nn.Conv2d(c_box, 4 * BOX_BINS, 1))
-        self.score = nn.Sequential(
-            Conv(c_in, c_in, 3, groups=c_in),
-            Conv(c_in, c_class),
-            Conv(c_class, c_class, 3, groups=c_class),
-            Conv(c_class, c_class),
-            nn.Conv2d(c_class, num_classes, 1),
-        )
+        if depthwise_score:
+            self.score = nn.Sequential(
+                Conv(c_in, c_in, 3, groups=c_in),
+                Conv(c_in, c_class),
+                Conv(c_class, c_class, 3, groups=c_class),
+                Conv(c_class, c_class),
+                nn.Conv2d(c_class, num_classes, 1),
+            )
+        else:
+            self.score = nn.Sequential(
+                Conv(c_in, c_class, 3), Conv(c_class, c_class, 3), nn.Conv2d(c_class, num_classes, 1)
+            )
         self.keypoint = nn.Sequential(
             Conv(c_in, c_keypoint, 3), Conv(c_keypoint, c_keypoint, 3), nn.Conv2d(c_keypoint, 3 * num_keypoints, 1)
         )
@@ -48,9 +63,16 @@ class PoseLevel(nn.Module):
 
 
 class PoseHead(nn.Module):
-    """Anchor-free head of YOLO11-pose: one anchor per cell of every level."""
+    """Anchor-free head of the YOLO pose family: one anchor per cell of every level.
 
-    def __init__(self, channels: tuple[int, ...], num_keypoints: int, num_classes: int):
+    Args:
+        channels: of the pyramid at strides 8, 16, 32 (and 64).
+        num_keypoints: points per boat.
+        num_classes: kinds of boat.
+        depthwise_score: YOLO11's score branch of depthwise and pointwise convolutions; YOLOv8's is of plain ones.
+    """
+
+    def __init__(self, channels: tuple[int, ...], num_keypoints: int, num_classes: int, depthwise_score: bool):
         super().__init__()
         self.num_keypoints = num_keypoints
         self.num_classes = num_classes
@@ -58,23 +80,24 @@ class PoseHead(nn.Module):
         c_class = max(channels[0], min(num_classes, 100))
         c_keypoint = max(channels[0] // 4, 3 * num_keypoints)
         self.levels = nn.ModuleList(
-            PoseLevel(c, c_box, c_class, c_keypoint, num_keypoints, num_classes) for c in channels
+            PoseLevel(c, c_box, c_class, c_keypoint, num_keypoints, num_classes, depthwise_score) for c in channels
         )
-        self.level_strides_px = STRIDES_PX
+        self.level_strides_px = STRIDES_PX[: len(channels)]
         # A parameter, though never trained: the published parameter counts include it.
         self.bins = nn.Parameter(torch.arange(float(BOX_BINS)), requires_grad=False)
         self._initialise_biases()
 
     def _initialise_biases(self) -> None:
         """Start with boxes about two strides wide and a score of about five boats a 640 px picture."""
-        for level, stride_px in zip(self.levels, STRIDES_PX):
+        for level, stride_px in zip(self.levels, self.level_strides_px):
+            last = len(level.get_submodule("score")) - 1  # type: ignore[arg-type]
             nn.init.constant_(level.get_parameter("box.2.bias"), 1.0)
             nn.init.constant_(
-                level.get_parameter("score.4.bias"), math.log(5 / self.num_classes * (stride_px / 640) ** 2)
+                level.get_parameter(f"score.{last}.bias"), math.log(5 / self.num_classes * (stride_px / 640) ** 2)
             )
 
     def forward(self, pyramid: list[Tensor]) -> Poses:
-        """Features at strides 8, 16 and 32 -> the decoded answer of all A anchors, in float32 pixels."""
+        """Features at strides 8, 16, 32 (and 64) -> the decoded answer of all A anchors, in float32 pixels."""
         answers: list[Tensor] = []
         anchors: list[Tensor] = []
         strides: list[Tensor] = []

@@ -1,9 +1,11 @@
-"""The neck: a path aggregation network over strides 8, 16 and 32 (Liu et al., CVPR 2018)."""
+"""The necks: a path aggregation network (Liu et al., CVPR 2018) over three levels, and one over four."""
+
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
 
-from usvnet.network.blocks import C3k2, Conv
+from usvnet.network.blocks import C2, Conv
 
 
 class Neck(nn.Module):
@@ -12,25 +14,67 @@ class Neck(nn.Module):
     Args:
         c_in: the backbone's channels at strides 8, 16 and 32.
         c_out: the neck's channels at strides 8, 16 and 32.
-        repeats: blocks in each stage.
-        deep: C3k blocks at strides 8 and 16 too.
+        block: makes a stage from its channels in and out.
+        last_block: makes the stage at the end, at stride 32.
     """
 
-    def __init__(self, c_in: tuple[int, ...], c_out: tuple[int, ...], repeats: int, deep: bool):
+    def __init__(
+        self,
+        c_in: tuple[int, ...],
+        c_out: tuple[int, ...],
+        block: Callable[[int, int], nn.Module],
+        last_block: Callable[[int, int], nn.Module],
+    ):
         super().__init__()
         self.upsample = nn.Upsample(scale_factor=2.0, mode="nearest")
-        self.down16 = C3k2(c_in[2] + c_in[1], c_out[1], repeats, deep)
-        self.down8 = C3k2(c_out[1] + c_in[0], c_out[0], repeats, deep)
+        self.down16 = block(c_in[2] + c_in[1], c_out[1])
+        self.down8 = block(c_out[1] + c_in[0], c_out[0])
         self.to16 = Conv(c_out[0], c_out[0], 3, stride=2)
-        self.up16 = C3k2(c_out[0] + c_out[1], c_out[1], repeats, deep)
+        self.up16 = block(c_out[0] + c_out[1], c_out[1])
         self.to32 = Conv(c_out[1], c_out[1], 3, stride=2)
-        self.up32 = C3k2(c_out[1] + c_in[2], c_out[2], repeats, deep=True)
+        self.up32 = last_block(c_out[1] + c_in[2], c_out[2])
         self.channels = c_out
 
-    def forward(self, p3: Tensor, p4: Tensor, p5: Tensor) -> list[Tensor]:
+    def forward(self, features: list[Tensor]) -> list[Tensor]:
         """Features at strides 8, 16 and 32, before and after."""
+        p3, p4, p5 = features
         down16 = self.down16(torch.cat([self.upsample(p5), p4], 1))
         out8 = self.down8(torch.cat([self.upsample(down16), p3], 1))
         out16 = self.up16(torch.cat([self.to16(out8), down16], 1))
         out32 = self.up32(torch.cat([self.to32(out16), p5], 1))
         return [out8, out16, out32]
+
+
+class NeckP6(nn.Module):
+    """The same over the four levels of YOLOv8-P6, from stride 64 down to 8 and back up.
+
+    Args:
+        channels: the backbone's channels at strides 8, 16, 32 and 64, and the neck's.
+        repeats: bottlenecks in each stage.
+    """
+
+    def __init__(self, channels: tuple[int, ...], repeats: int):
+        super().__init__()
+        c8, c16, c32, c64 = channels
+        self.upsample = nn.Upsample(scale_factor=2.0, mode="nearest")
+        self.down32 = C2(c64 + c32, c32, repeats)
+        self.down16 = C2(c32 + c16, c16, repeats)
+        self.down8 = C2(c16 + c8, c8, repeats)
+        self.to16 = Conv(c8, c8, 3, stride=2)
+        self.up16 = C2(c8 + c16, c16, repeats)
+        self.to32 = Conv(c16, c16, 3, stride=2)
+        self.up32 = C2(c16 + c32, c32, repeats)
+        self.to64 = Conv(c32, c32, 3, stride=2)
+        self.up64 = C2(c32 + c64, c64, repeats)
+        self.channels = channels
+
+    def forward(self, features: list[Tensor]) -> list[Tensor]:
+        """Features at strides 8, 16, 32 and 64, before and after."""
+        p3, p4, p5, p6 = features
+        down32 = self.down32(torch.cat([self.upsample(p6), p5], 1))
+        down16 = self.down16(torch.cat([self.upsample(down32), p4], 1))
+        out8 = self.down8(torch.cat([self.upsample(down16), p3], 1))
+        out16 = self.up16(torch.cat([self.to16(out8), down16], 1))
+        out32 = self.up32(torch.cat([self.to32(out16), down32], 1))
+        out64 = self.up64(torch.cat([self.to64(out32), p6], 1))
+        return [out8, out16, out32, out64]
