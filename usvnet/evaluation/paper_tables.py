@@ -18,6 +18,13 @@ class PaperPose(NamedTuple):
     map50_95: float
 
 
+class PaperFocal(NamedTuple):
+    """A column of Table 5, metres."""
+
+    rmse_m: float
+    mae_m: float
+
+
 class PaperRange(NamedTuple):
     """One half of a row of Table 3, metres."""
 
@@ -55,6 +62,17 @@ TABLE_3 = {
     },
 }
 """Estimator -> scene -> errors: the paper's box and keypoint methods."""
+
+TABLE_4 = {50: 0.524, 60: 0.654, 70: 0.688, 80: 0.719, 90: 0.762, 100: 0.757}
+"""Epochs -> mAP50-95 of YOLO11m-pose, OKS sigma 1/7."""
+
+TABLE_5 = {
+    0.0: PaperFocal(1.205, 1.078),
+    50.0: PaperFocal(1.246, 1.111),
+    100.0: PaperFocal(1.294, 1.144),
+    150.0: PaperFocal(1.348, 1.174),
+}
+"""Error of the focal length in pixels -> errors of the paper's keypoint method."""
 
 SCENE_TITLES = {
     "I": "strong light, near",

@@ -87,6 +87,22 @@ def read_predictions(path: Path | str, meta: Meta | None = None) -> list[Picture
     return pictures
 
 
+def read_meta(path: Path | str) -> Meta:
+    """Read what a predictions file depends on.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: the file does not begin as one.
+    """
+    path = Path(path)
+    with path.open(encoding="utf-8") as file:
+        try:
+            meta: Meta = json.loads(file.readline())["meta"]
+        except (json.JSONDecodeError, KeyError, TypeError, UnicodeDecodeError) as error:
+            raise ValueError(f"{path}:1: not the first line of a predictions file ({error!r})") from error
+    return meta
+
+
 def _check_meta(path: Path, found: Meta, expected: Meta) -> None:
     for key in sorted(expected.keys() | found.keys()):
         if found.get(key) != expected.get(key):

@@ -1,0 +1,78 @@
+"""Ranging without the network: boats whose pixels are known, through the real geometry, as often as one likes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from usvnet.data.records import Frame
+from usvnet.evaluation.records import BoatRecord
+from usvnet.geometry.camera import camera_to, stack_cameras
+from usvnet.geometry.hull_model import hull_to, stack_hulls
+from usvnet.geometry.ranging import RangingLayer
+from usvnet.types import Camera, Hull, RangeEstimate
+
+
+@dataclass(frozen=True, eq=False)
+class Cases:
+    """C boats, each seen by its own camera; float64."""
+
+    keypoints_px: Tensor
+    """(C, 7, 2)"""
+    covariance_px2: Tensor
+    """(C, 7, 2, 2)"""
+    boxes_px: Tensor
+    """(C, 4)"""
+    camera: Camera
+    """C cameras."""
+    hull: Hull
+    """C hulls."""
+
+    @property
+    def count(self) -> int:
+        """C."""
+        return len(self.boxes_px)
+
+    def repeat(self, times: int) -> "Cases":
+        """Every boat ``times`` over: all of them, then all of them again."""
+
+        def repeated(tensor: Tensor) -> Tensor:
+            return tensor.repeat(times, *[1] * (tensor.dim() - 1))
+
+        return Cases(
+            repeated(self.keypoints_px),
+            repeated(self.covariance_px2),
+            repeated(self.boxes_px),
+            Camera(*map(repeated, self.camera)),
+            Hull(*map(repeated, self.hull)),
+        )
+
+
+def native_cases(boats: Sequence[tuple[BoatRecord, Frame]]) -> Cases:
+    """Predicted boats with the frames they are in, both in native pixels."""
+    return Cases(
+        torch.from_numpy(np.stack([boat.keypoints_px for boat, _ in boats])),
+        torch.from_numpy(np.stack([boat.keypoint_covariance_px2 for boat, _ in boats])),
+        torch.from_numpy(np.stack([boat.box_px for boat, _ in boats])),
+        camera_to(stack_cameras([frame.camera for _, frame in boats]), dtype=torch.float64),
+        hull_to(stack_hulls([frame.hull for _, frame in boats]), dtype=torch.float64),
+    )
+
+
+def range_cases(cases: Cases, ranging: RangingLayer) -> dict[str, RangeEstimate]:
+    """Every estimator's answer, each of shape (C,), by its name in :class:`usvnet.types.Prediction`."""
+    box_bottom, waterline = ranging(
+        cases.keypoints_px.unsqueeze(1), cases.covariance_px2.unsqueeze(1), cases.boxes_px.unsqueeze(1), cases.camera
+    )
+    named = {"box_bottom": box_bottom, "waterline": waterline}
+    return {name: RangeEstimate(*(field.squeeze(1) for field in estimate)) for name, estimate in named.items()}
+
+
+def slants_m(cases: Cases, ranging: RangingLayer) -> dict[str, Tensor]:
+    """Slant ranges (C,) by estimator, inf where there is none."""
+    return {
+        name: torch.where(estimate.valid, estimate.slant_m, torch.inf)
+        for name, estimate in range_cases(cases, ranging).items()
+    }
