@@ -84,7 +84,7 @@ def test_its_sigmas_cover_its_errors(noise):
     mount = mounted()
     for seed in range(6):
         rng = np.random.default_rng(seed)
-        true = with_attitude(mount, *np.radians([PITCH_DEG, ROLL_DEG] + rng.uniform(-2, 2, 2)))
+        true = with_attitude(mount, *np.radians(np.array([PITCH_DEG, ROLL_DEG]) + rng.uniform(-2, 2, 2)))
         sight = find_horizon(drawn(true, seed, noise), mount)
         pitch, roll = errors_deg(sight, true)
         assert abs(pitch) < 3 * math.degrees(sight.attitude.pitch_std_rad.item()) < 0.4
