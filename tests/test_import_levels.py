@@ -11,15 +11,17 @@ SOURCES = sorted([*ROOT.glob("usvnet/**/*.py"), *ROOT.glob("scripts/*.py"), *ROO
 
 LEVELS = [
     {"__init__", "types", "files", "config"},
-    {"geometry", "heatmap"},
+    {"geometry", "heatmap", "intervals"},
     {"network", "losses", "data", "simulator", "metrics"},
     {"model"},
     {"checkpoints", "optimiser", "visualize"},
     {"deploy", "evaluation"},
     {"callbacks"},
     {"training"},
+    {"training_cli"},
+    {"sweep"},
     {"commands"},
-    {"cli", "training_cli"},
+    {"cli"},
     {"train", "evaluate", "scripts"},
 ]
 """A room imports from itself and from the levels above it in this list, never from a neighbour."""
@@ -27,7 +29,10 @@ LEVELS = [
 METRICS = {f"usvnet.evaluation.{name}" for name in ("records", "record_json", "pose_metrics", "range_metrics")}
 """Scoring needs arrays only: these stand lower than the rest of their folder."""
 
-TRAINING = ["usvnet/training.py", "usvnet/training_cli.py", "usvnet/callbacks.py", "usvnet/data/datamodule.py"]
+TRAINING = [
+    *("usvnet/training.py", "usvnet/training_cli.py", "usvnet/callbacks.py", "usvnet/data/datamodule.py"),
+    "usvnet/sweep/one_run.py",
+]
 RENDERING = [
     f"usvnet/simulator/{name}.py" for name in ("engine", "scene", "render", "denoise", "rays", "frame", "labels")
 ]
@@ -38,10 +43,12 @@ ONLY_IN = {
     "ultralytics": [],
     "jsonargparse": ["usvnet/cli.py", "usvnet/training_cli.py", "evaluate.py"],
     "pycocotools": ["usvnet/evaluation/*", "usvnet/data/*"],
-    "matplotlib": ["usvnet/evaluation/*", "usvnet/data/*", "usvnet/commands/*"],
+    "matplotlib": ["usvnet/evaluation/*", "usvnet/data/*", "usvnet/commands/*", "usvnet/sweep/figure.py"],
+    "ray": ["usvnet/sweep/ray_tune.py"],
     "cv2": [
         *("usvnet/geometry/calibration*.py", "usvnet/geometry/chessboard.py"),
         *("usvnet/data/*", "usvnet/evaluation/*", "usvnet/commands/*", "usvnet/visualize/*", "usvnet/callbacks.py"),
+        *("usvnet/deploy/sources.py", "usvnet/deploy/streams.py", "usvnet/deploy/annotated.py"),
         *("usvnet/simulator/*", "scripts/*"),
     ],
     **dict.fromkeys(("mitsuba", "drjit", "pyoidn"), RENDERING),

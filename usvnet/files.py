@@ -29,6 +29,31 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def alone_in(folder: Path | str) -> Iterator[None]:
+    """Keep other processes that ask for the same out of a folder; the lock goes with the process, however it ends.
+
+    Raises:
+        ValueError: another process is in it.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows has no lock for folders
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ValueError(f"{folder}: another run is writing into this folder") from None
+        except OSError:  # a file system without locks
+            pass
+        yield
+    finally:
+        os.close(handle)
+
+
 def run_program(main: Callable[[], object]) -> None:
     """Run ``main`` and turn bad input into one line on stderr and exit code 2; Ctrl-C into exit code 130."""
     try:

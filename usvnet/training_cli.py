@@ -6,6 +6,7 @@ import warnings
 from pathlib import Path
 from typing import Any, NoReturn
 
+import yaml
 from lightning.pytorch import Trainer
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import TensorBoardLogger
@@ -61,8 +62,6 @@ class TrainingCLI(LightningCLI):
             run=False,
             auto_configure_optimizers=False,
         )
-        for key in ("image_size", "eval_image_size"):
-            check_picture_size(self.model.model.network, f"data.{key}", getattr(self.datamodule, key))
 
     def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         """Add what belongs to the run as a whole."""
@@ -75,6 +74,12 @@ class TrainingCLI(LightningCLI):
     def before_instantiate_classes(self) -> None:
         """Put logs and checkpoints in the run folder."""
         self.trainer_defaults = {**TRAINER_DEFAULTS, "callbacks": run_callbacks(self.config.run_dir)}
+
+    def instantiate_classes(self) -> None:
+        """Build model, data and trainer, and make sure that the pictures fit the network."""
+        super().instantiate_classes()
+        for key in ("image_size", "eval_image_size"):
+            check_picture_size(self.model.model.network, f"data.{key}", getattr(self.datamodule, key))
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:
         """Build the trainer with its logger in the run folder."""
@@ -122,9 +127,29 @@ class TrainingCLI(LightningCLI):
         return best if best.is_file() else self.checkpoints / "last.ckpt"
 
 
+class TrainingConfiguration(TrainingCLI):
+    """The configuration of a run, parsed and checked; nothing is built."""
+
+    def instantiate_classes(self) -> None:
+        """Leave the configuration as it is."""
+
+    def resolve(self, args: list[str]) -> dict[str, Any]:
+        """Give every key that a command line comes to, in nested plain values.
+
+        Raises:
+            ValueError: an unknown key or a value that does not fit.
+        """
+        content: dict[str, Any] = yaml.safe_load(self.parser.dump(self.parser.parse_args(args), skip_unset=False))
+        return content
+
+
 def quiet() -> None:
     """Silence what Lightning tells its developers and advertises to everybody."""
     for name in ("lightning.pytorch", "lightning.fabric"):
         logging.getLogger(name).setLevel(logging.WARNING)
-    for what in ("not have many workers", "Checkpoint directory", "dirpath has", "training batches", "LeafSpec"):
+    for what in (
+        *("not have many workers", "Checkpoint directory", "dirpath has", "training batches", "LeafSpec"),
+        "sync_dist=True",  # every process has scored the whole set already
+        "args parameter is intended",
+    ):
         warnings.filterwarnings("ignore", f".*{what}.*")

@@ -1,16 +1,16 @@
 """Rendering a dataset, or going on where an earlier run was stopped."""
 
-import contextlib
 import math
 import os
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from rich.console import Console
 
+from usvnet.files import alone_in
 from usvnet.geometry.camera import scale_camera
 from usvnet.simulator.dataset_writer import remove_leftovers, whole_frames
 from usvnet.simulator.manifest import claim_folder, make_manifest
@@ -99,7 +99,7 @@ def simulate_dataset(
 
     for notice in claim_folder(root, make_manifest(config, settings, quality, scale, engine)):
         console.print(f"note: {notice}", markup=False, highlight=False, soft_wrap=True)
-    with _alone_in(root):
+    with alone_in(root):
         remove_leftovers(root)
         whole = set() if only is not None else whole_frames(root)
         missing = [number for number in numbers if number not in whole]
@@ -144,24 +144,3 @@ def _scaled(name: str, camera: Camera, scale: float) -> Camera:
 def _processors() -> int:
     """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextlib.contextmanager
-def _alone_in(root: Path) -> Iterator[None]:
-    """Keep other runs out of the folder; the lock goes with the process, however it ends."""
-    try:
-        import fcntl
-    except ImportError:  # Windows has no lock for folders
-        yield
-        return
-    handle = os.open(root, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ValueError(f"{root}: another run is writing into this folder") from None
-        except OSError:  # a file system without locks
-            pass
-        yield
-    finally:
-        os.close(handle)
