@@ -19,6 +19,7 @@ COMMANDS = {
     "check-data": "count a dataset and name every fault in it",
     "export": "write a trained model as TorchScript, for C++ or for Python without usvnet",
     "simulate": "render pictures of boats on water with exact labels",
+    "sweep": "train a grid of networks and settings, and compare them",
 }
 
 
