@@ -16,8 +16,11 @@ from usvnet.files import run_program
 
 COMMANDS = {
     "calibrate": "find a camera's focal length and distortion from pictures of a chessboard",
+    "calibrate-mount": "find a camera's height, pitch and roll from points at known places",
     "check-data": "count a dataset and name every fault in it",
     "export": "write a trained model as TorchScript, for C++ or for Python without usvnet",
+    "sensitivity": "say what an error of camera, keypoints or water costs in range",
+    "predict": "find boats in pictures, a video, a webcam or a stream, and say how far away they are",
     "simulate": "render pictures of boats on water with exact labels",
     "sweep": "train a grid of networks and settings, and compare them",
 }
