@@ -7,6 +7,7 @@ import torch
 from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
+from usvnet.data.attitudes import FROM_FILES, AttitudeConfig, see_horizons
 from usvnet.data.dataset import BoatDataset, Sample, collate
 from usvnet.data.reader import read_dataset
 from usvnet.data.records import Frame
@@ -30,6 +31,7 @@ class BoatDataModule(LightningDataModule):
         num_workers: processes that prepare batches; 0 prepares them in the training process.
         cache_mb: memory for decoded pictures, for each split.
         augmentation: of the training pictures; null for none.
+        attitude: where pitch and roll of each picture come from.
     """
 
     def __init__(
@@ -41,6 +43,7 @@ class BoatDataModule(LightningDataModule):
         num_workers: int = 0,
         cache_mb: int = 1024,
         augmentation: AugmentationConfig | None = DEFAULT_AUGMENTATION,
+        attitude: AttitudeConfig = FROM_FILES,
     ) -> None:
         super().__init__()
         for name, size in (("image_size", image_size), ("eval_image_size", eval_image_size)):
@@ -57,6 +60,7 @@ class BoatDataModule(LightningDataModule):
         self.num_workers = num_workers
         self.cache_mb = cache_mb
         self.augmentation = augmentation
+        self.attitude = attitude
         self._datasets: dict[str, BoatDataset] = {}
         self._start = (0, 0)
 
@@ -72,7 +76,7 @@ class BoatDataModule(LightningDataModule):
             ValueError: unknown split or faulty files, see :func:`read_dataset`.
         """
         if split not in self._datasets:
-            frames = read_dataset(self.root, split)
+            frames = see_horizons(read_dataset(self.root, split, attitude=self.attitude), self.attitude)
             if split == "train":
                 dataset = BoatDataset(frames, self.image_size, self.augmentation, self.cache_mb)
             else:

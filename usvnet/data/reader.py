@@ -4,29 +4,31 @@
 - ``images/<split>/*.jpg`` and, unless COCO, ``labels/<split>/*.txt``.
 - ``cameras/*.yaml``: one for all pictures, or several and a column ``camera`` in frames.csv.
 - ``ranges.csv``, optional: what the laser read.
-- ``frames.csv``, optional: camera, hull, scene and measured attitude of each picture.
+- ``frames.csv``, optional: camera, hull, scene, time and measured attitude of each picture.
+- ``imu.csv``, optional: the measured attitude by time.
 - ``hulls/*.yaml``, optional: one for all pictures, or several and a column ``hull`` in frames.csv. A picture without
   gets a generic hull.
 """
 
-import math
 from pathlib import Path
 
 import numpy as np
 
+from usvnet.data.attitudes import FROM_FILES, AttitudeConfig, fill_from_imu, noted_camera
 from usvnet.data.formats.coco import read_coco
 from usvnet.data.formats.ranges import FrameNotes, read_tables
 from usvnet.data.formats.yolo import read_data_yaml, read_label
 from usvnet.data.pictures import SUFFIXES
 from usvnet.data.records import SPLITS, Faults, Frame, Labels
-from usvnet.geometry.camera import with_attitude
 from usvnet.geometry.camera_files import load_camera
 from usvnet.geometry.hull_files import load_hull
 from usvnet.geometry.hull_model import generic_hull
 from usvnet.types import NEAREST_WATERLINE, Camera, Hull
 
 
-def read_dataset(root: Path | str, split: str, faults: Faults | None = None) -> list[Frame]:
+def read_dataset(
+    root: Path | str, split: str, faults: Faults | None = None, attitude: AttitudeConfig = FROM_FILES
+) -> list[Frame]:
     """Read the frames of one split, in the order of their names.
 
     Pictures are not opened: their size is their camera's, and is checked when they are decoded.
@@ -35,6 +37,8 @@ def read_dataset(root: Path | str, split: str, faults: Faults | None = None) -> 
         root: the folder that holds data.yaml.
         split: ``train``, ``val`` or ``test``.
         faults: where to note what is wrong; by default the first fault is raised.
+        attitude: where pitch and roll come from; the horizon is looked for later
+            (:func:`usvnet.data.attitudes.see_horizons`).
 
     Raises:
         FileNotFoundError: no data.yaml, or no such folder.
@@ -48,6 +52,8 @@ def read_dataset(root: Path | str, split: str, faults: Faults | None = None) -> 
     cameras = read_cameras(root / "cameras", faults)
     hulls = read_hulls(root / "hulls", faults)
     notes = read_tables(root, faults)
+    with faults.catch():
+        fill_from_imu(root, notes, attitude)
     for name, picture in notes.items():
         with faults.catch():
             if not (root / "images" / name).is_file():
@@ -65,6 +71,8 @@ def read_dataset(root: Path | str, split: str, faults: Faults | None = None) -> 
                 raise FileNotFoundError(f"{place}: no picture {image_path}")
             note = notes.get(name, FrameNotes())
             camera = _camera_of(root, name, note, cameras)
+            if attitude.source != "mount":
+                camera = noted_camera(camera, note)
             hull = _hull_of(root, name, note, hulls)
             width, height = camera.size_px[0].round().int().tolist()
             noted = len(faults.sentences)
@@ -123,27 +131,14 @@ def _picture_names(root: Path, folder: Path, faults: Faults) -> list[str]:
 
 
 def _camera_of(root: Path, name: str, note: FrameNotes, cameras: dict[str, Camera]) -> Camera:
-    """Choose the picture's camera and turn it to the attitude that was measured."""
+    """Choose the picture's camera, as it is mounted."""
     known = f"expected one of {', '.join(cameras)} (the files in {root / 'cameras'})"
     if note.camera is None and len(cameras) != 1:
         raise ValueError(f"{root / 'frames.csv'}: no camera for {name}, {known}")
     key = note.camera or next(iter(cameras))
     if key not in cameras:
         raise ValueError(f"{root / 'frames.csv'}: camera of {name} is {key}, {known}")
-    camera = cameras[key]
-    if (note.pitch_deg, note.roll_deg, note.pitch_std_deg, note.roll_std_deg) == (None,) * 4:
-        return camera
-
-    def chosen(measured_deg: float | None, mount_rad: float) -> float:
-        return mount_rad if measured_deg is None else math.radians(measured_deg)
-
-    return with_attitude(
-        camera,
-        camera.pitch_rad.new_tensor([chosen(note.pitch_deg, camera.pitch_rad.item())]),
-        camera.roll_rad.new_tensor([chosen(note.roll_deg, camera.roll_rad.item())]),
-        camera.pitch_std_rad.new_tensor([chosen(note.pitch_std_deg, camera.pitch_std_rad.item())]),
-        camera.roll_std_rad.new_tensor([chosen(note.roll_std_deg, camera.roll_std_rad.item())]),
-    )
+    return cameras[key]
 
 
 def _hull_of(root: Path, name: str, note: FrameNotes, hulls: dict[str, Hull]) -> Hull:

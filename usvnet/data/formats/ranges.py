@@ -32,6 +32,8 @@ class FrameNotes:
     roll_deg: float | None = None
     pitch_std_deg: float | None = None
     roll_std_deg: float | None = None
+    time_s: float | None = None
+    """When it was taken, for imu.csv."""
     readings: dict[int, RangeReading] = field(default_factory=dict)
     """By instance, the boat's row in the label file."""
     line: str = ""
@@ -94,6 +96,7 @@ def _note_row(line: str, row: dict[str, str], notes: dict[str, FrameNotes]) -> F
         picture.note("camera", row.get("camera"))
         picture.note("hull", row.get("hull"))
         picture.note("scene", row.get("scene"))
+        picture.note("time_s", _number(row, "time_s", float))
         for key in ATTITUDE_COLUMNS:
             value = _number(row, key, float)
             if value is not None and (value < 0 if key.endswith("std_deg") else abs(value) > 90):
