@@ -4,6 +4,7 @@ import pytest
 import torch
 import yaml
 from jsonargparse import ArgumentParser
+from lightning.pytorch import Trainer
 
 from usvnet.data import AugmentationConfig, BoatDataModule
 from usvnet.types import Batch
@@ -30,6 +31,14 @@ def test_only_training_pictures_are_augmented(tiny: Path):
     data = BoatDataModule(str(tiny), image_size=64)
     assert [data.dataset(split).augmentation for split in ("val", "test")] == [None, None]
     assert data.dataset("train").augmentation == AugmentationConfig()
+
+
+@pytest.mark.parametrize(("epochs", "closing", "first"), [(50, 0.2, 40), (3, 0.2, 2), (10, 0, 10), (-1, 0.2, None)])
+def test_the_trainer_says_where_the_run_ends(tiny: Path, epochs: int, closing: float, first: int | None):
+    data = BoatDataModule(str(tiny), image_size=64, augmentation=AugmentationConfig(closing=closing))
+    data.trainer = Trainer(max_epochs=epochs, logger=False, enable_checkpointing=False, accelerator="cpu")
+    data.train_dataloader()
+    assert data.dataset("train").closing_epoch == first
 
 
 def epoch_with_workers(root: Path) -> tuple[list[int], Batch]:

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from usvnet.data import AugmentationConfig, BoatDataset, Frame, collate, read_dataset
+from usvnet.data.sampling import Draw
 from usvnet.types import NEAREST_WATERLINE
 
 
@@ -47,7 +48,8 @@ def test_letterboxing_moves_picture_and_labels_alike(make_frame, size_px: tuple[
 
 def test_augmenting_moves_picture_and_labels_alike(make_frame):
     frame = white_dot_frame(make_frame, (640, 480))
-    still = {"hue": 0, "saturation": 0, "value": 0, "fog": 0, "noise": 0, "blur": 0}
+    off = ("mosaic", "paste", "hue", "saturation", "value", "glare", "fog", "dim", "noise", "blur")
+    still = dict.fromkeys(off, 0)
     dataset = BoatDataset([frame], 320, AugmentationConfig(zoom=(0.5, 1.5), **still))
     torch.manual_seed(0)
     seen = 0
@@ -64,9 +66,20 @@ def test_a_boat_always_stays_in_the_frame(make_frame):
     frame = with_picture(make_frame(1), np.zeros((120, 160, 3), np.uint8))
     corner = np.array([[0.0, 100.0, 6.0, 104.0]])
     frame = dataclasses.replace(frame, boxes_px=corner, keypoints_px=np.zeros((1, 7, 2)))
-    dataset = BoatDataset([frame], 64, AugmentationConfig(zoom=(3.0, 3.0), translate=0.5))
+    dataset = BoatDataset(
+        [frame], 64, AugmentationConfig(zoom=(3.0, 3.0), translate=0.5, roll_deg=0, mosaic=0, paste=0)
+    )
     torch.manual_seed(0)
     assert all(len(dataset[0].frame.boxes_px) == 1 for _ in range(20))
+
+
+def test_the_end_of_a_run_has_no_mosaics(make_frame):
+    frame = with_picture(make_frame(1), np.zeros((120, 160, 3), np.uint8))
+    dataset = BoatDataset([frame], 64, AugmentationConfig(mosaic=1))
+    dataset.closing_epoch = 3
+    boats = [len(dataset[Draw(0, (seed, epoch, 0))].frame.boxes_px) for epoch in range(6) for seed in (0, 1)]
+    assert min(boats[:6]) > 1
+    assert max(boats[6:]) == 1
 
 
 def test_seeds_decide_everything(tiny: Path):

@@ -8,13 +8,11 @@ import torch
 from usvnet.data.records import Frame
 from usvnet.data.transforms import (
     FILL,
-    AugmentationConfig,
-    change_colours,
     mirror_frame,
-    mirror_picture,
+    mirror_matrix,
     move_frame,
-    random_affine,
     resize_matrix,
+    turn_frame,
     warp,
 )
 from usvnet.geometry.hull_model import mirror_hull
@@ -49,18 +47,20 @@ def affine(zoom: float, shift: tuple[float, float], size_px: tuple[int, int]) ->
 
 
 @pytest.mark.parametrize("zoom", [0.21, 0.3, 0.47, 0.5, 0.501, 0.8, 1.0, 1.6])
-@pytest.mark.parametrize("mirrored", [False, True])
-def test_a_dot_stays_on_its_keypoint(make_frame, zoom: float, mirrored: bool):
+@pytest.mark.parametrize(("mirrored", "turn"), [(False, 0.0), (True, 0.0), (False, 0.3), (True, -0.2)])
+def test_a_dot_stays_on_its_keypoint(make_frame, zoom: float, mirrored: bool, turn: float):
     frame = make_frame(3, size_px=(321, 240))
     point = frame.keypoints_px[0, 3]
     A = affine(zoom, (4.3, -2.6), frame.size_px)
     target_px = (320, 288)
-    moved = move_frame(frame, A, target_px)
-    picture = warp(dot_picture(frame.size_px, point, 3.0 / min(zoom, 1)), A, target_px)
+    turned, T = turn_frame(frame, turn)
+    moved = move_frame(turned, A, target_px)
+    A = A @ T
     index = 3
     if mirrored:
-        moved, picture = mirror_frame(moved), mirror_picture(picture)
+        moved, A = mirror_frame(moved), mirror_matrix(target_px[0]) @ A
         index = FLIP_INDEX[index]
+    picture = warp(dot_picture(frame.size_px, point, 3.0 / min(zoom, 1)), A, target_px)
     assert picture.shape == (288, 320, 3)
     np.testing.assert_allclose(dot_centre(picture), moved.keypoints_px[0, index], atol=0.1)
 
@@ -156,46 +156,53 @@ def test_an_exact_half_is_the_mean_of_four_pixels():
     np.testing.assert_allclose(small, expected, atol=0.51)
 
 
-def test_a_drawn_affine_stays_within_its_bounds():
+@pytest.mark.parametrize("turn", [-0.4, 0.05, 0.4])
+def test_ranges_stay_when_picture_and_camera_turn(make_frame, turn: float):
+    """With the frame's tangential distortion; boats keep their ranges and nothing is cut off yet."""
+    frame = make_frame(2, boats=2)
+    turned, _ = turn_frame(frame, turn)
+    torch.testing.assert_close(water_ranges(turned), water_ranges(frame), rtol=1e-4, atol=1e-4)
+    assert turned.camera.roll_rad.item() == pytest.approx(frame.camera.roll_rad.item() + turn)
+    np.testing.assert_array_equal(turned.range_m, frame.range_m)
+    np.testing.assert_array_equal(turned.visibility, frame.visibility)
+
+
+def test_turn_zoom_shift_and_mirror_together_keep_every_range(make_frame):
+    frame = make_frame(2, boats=2)
+    moved = mirror_frame(move_frame(turn_frame(frame, 0.1)[0], affine(1.3, (4.0, -3.0), frame.size_px), (192, 160)))
+    expected = water_ranges(frame).reshape(2, 7)[:, list(FLIP_INDEX)]
+    torch.testing.assert_close(water_ranges(moved).reshape(2, 7), expected, rtol=1e-4, atol=1e-4)
+
+
+def test_a_turned_box_bounds_its_ellipse_and_its_labelled_keypoints(make_frame):
+    frame = one_boat(make_frame, [40.0, 50.0, 100.0, 70.0])
+    frame.visibility[0] = [2, 2, 2, 2, 2, 2, 0]  # the last, at the box's right side, is not labelled
+    frame.keypoints_px[0, 6] = 1e4
+    quarter, A = turn_frame(frame, np.pi / 2)
+    size = (quarter.boxes_px[0, 2:] - quarter.boxes_px[0, :2]).tolist()
+    assert size == pytest.approx([20, 60], abs=1e-3)
+    little, A = turn_frame(frame, 0.1)
+    width, height = little.boxes_px[0, 2:] - little.boxes_px[0, :2]
+    assert 2 * np.hypot(30 * np.cos(0.1), 10 * np.sin(0.1)) == pytest.approx(width, abs=0.1)
+    assert 2 * np.hypot(30 * np.sin(0.1), 10 * np.cos(0.1)) == pytest.approx(height, abs=0.1)
+    frame.keypoints_px[0, 0] = [40.0, 70.0]  # the box's corner
+    corner = A[:2, :2] @ [40.0, 70.0] + A[:2, 2]
+    turned = turn_frame(frame, 0.1)[0].boxes_px[0]
+    assert turned[0] == pytest.approx(min(little.boxes_px[0, 0], corner[0]), abs=1e-3)
+    assert turned[3] == pytest.approx(max(little.boxes_px[0, 3], corner[1]), abs=1e-3)
+    assert turned[3] > little.boxes_px[0, 3] + 1
+
+
+@pytest.mark.parametrize("zoom", [0.3, 0.7, 1.0, 2.0])
+def test_looking_at_the_part_shown_changes_nothing(zoom: float):
+    """A frame twice as wide shows the same pixels, up to the grid that averaging starts from."""
     rng = np.random.default_rng(0)
-    config = AugmentationConfig(zoom=(0.5, 2.0), translate=0.1)
-    drawn = [random_affine(config, (100, 100), rng) for _ in range(300)]
-    zooms = np.array([A[0, 0] for A in drawn])
-    assert 0.5 <= zooms.min() < 0.6
-    assert 1.8 < zooms.max() <= 2.0
-    left = np.array([A[0, 0] * -0.5 + A[0, 2] + 0.5 for A in drawn])  # the picture's left edge in the frame
-    assert left[zooms > 1].max() <= 10
-    assert left[zooms < 1].min() >= -10
-    still = random_affine(AugmentationConfig(zoom=(1.0, 1.0), translate=0.0), (100, 80), rng)
-    np.testing.assert_allclose(still, np.eye(3), atol=1e-12)
+    picture = cv2.GaussianBlur(rng.integers(0, 256, (300, 400, 3), np.uint8), (0, 0), 6)
+    A = np.array([[zoom, 0, -zoom * 120.3], [0, zoom, -zoom * 90.7], [0, 0, 1]]) @ mirror_matrix(400)
+    small, large = warp(picture, A, (40, 30)), warp(picture, A, (400, 300))
+    np.testing.assert_allclose(small.astype(int), large[:30, :40], atol=3)
 
 
-def test_a_focus_goes_to_the_middle_part_of_the_frame_where_the_picture_allows():
-    rng = np.random.default_rng(0)
-    config = AugmentationConfig(zoom=(1.5, 2.5), translate=0.1)
-    for focus in np.array([[50.0, 50.0], [30.0, 70.0]]):
-        places = np.array([(random_affine(config, (100, 100), rng, focus) @ (*focus, 1))[:2] for _ in range(200)])
-        assert (places > 0).all()
-        assert (places < 100).all()
-        assert places.std(0).min() > 5
-
-
-def test_colours_change_without_moving_anything():
-    rng = np.random.default_rng(0)
-    picture = cv2.GaussianBlur(rng.integers(0, 256, (60, 80, 3), np.uint8), (0, 0), 1)
-    off = AugmentationConfig(hue=0, saturation=0, value=0, fog=0, blur=0, noise=0)
-    same = change_colours(picture, off, rng)
-    np.testing.assert_allclose(same, picture, atol=4)  # HSV and back rounds
-    for name in ("hue", "saturation", "value", "fog", "blur", "noise"):
-        changed = change_colours(picture, dataclasses.replace(off, **{name: 1.0}), rng)
-        assert changed.dtype == np.uint8
-        assert changed.shape == picture.shape
-        assert np.abs(changed.astype(int) - same).mean() > 1, name
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("mirror", 1.5), ("fog", -0.1), ("zoom", (1.2, 0.8)), ("zoom", (0.0, 1.0))]
-)
-def test_a_config_out_of_bounds_is_refused(name: str, value: object):
-    with pytest.raises(ValueError, match=f"augmentation.{name} is"):
-        AugmentationConfig(**{name: value})
+def test_a_frame_beside_the_picture_is_grey():
+    A = affine(0.2, (-5000.0, 0.0), (400, 300))
+    assert (warp(np.zeros((300, 400, 3), np.uint8), A, (40, 30)) == FILL).all()

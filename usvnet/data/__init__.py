@@ -1,10 +1,10 @@
 """From files on disk to batches of tensors: formats, frames, augmentation, loaders."""
 
+from usvnet.data.augmentation import AugmentationConfig
 from usvnet.data.datamodule import BoatDataModule
 from usvnet.data.dataset import BoatDataset, Sample, collate
 from usvnet.data.reader import read_dataset
 from usvnet.data.records import Faults, Frame, Labels
-from usvnet.data.transforms import AugmentationConfig
 
 __all__ = [
     "AugmentationConfig",

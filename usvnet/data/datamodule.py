@@ -8,11 +8,11 @@ from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
 from usvnet.data.attitudes import FROM_FILES, AttitudeConfig, see_horizons
+from usvnet.data.augmentation import AugmentationConfig
 from usvnet.data.dataset import BoatDataset, Sample, collate
 from usvnet.data.reader import read_dataset
 from usvnet.data.records import Frame
 from usvnet.data.sampling import TrainingSampler
-from usvnet.data.transforms import AugmentationConfig
 
 DEFAULT_AUGMENTATION = AugmentationConfig()
 STAGE_SPLITS = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",), "predict": ()}
@@ -94,6 +94,7 @@ class BoatDataModule(LightningDataModule):
         Order and augmentation follow from torch's initial seed (``seed_everything``) and the epoch; a resumed run goes
         on with the epoch's next picture.
         """
+        self.dataset("train").closing_epoch = self._closing_epoch()
         return self._loader("train", self._training_sampler())
 
     def val_dataloader(self) -> DataLoader[Sample]:
@@ -116,6 +117,12 @@ class BoatDataModule(LightningDataModule):
     def load_state_dict(self, state_dict: dict[str, int]) -> None:
         """Go on where a checkpoint was written."""
         self._start = (state_dict["epoch"], state_dict["batches_seen"])
+
+    def _closing_epoch(self) -> int | None:
+        epochs = None if self.trainer is None else self.trainer.max_epochs
+        if self.augmentation is None or epochs is None or epochs < 0:
+            return None
+        return round(epochs * (1 - self.augmentation.closing))
 
     def _training_sampler(self) -> TrainingSampler:
         rank, processes = (0, 1) if self.trainer is None else (self.trainer.global_rank, self.trainer.world_size)

@@ -8,26 +8,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from usvnet.data.augmentation import AugmentationConfig, Source, augment, plain_view
 from usvnet.data.pictures import Picture, PictureCache
 from usvnet.data.records import Frame
 from usvnet.data.sampling import Draw
-from usvnet.data.transforms import (
-    Affine,
-    AugmentationConfig,
-    change_colours,
-    mirror_frame,
-    mirror_picture,
-    move_frame,
-    random_affine,
-    resize_matrix,
-    warp,
-)
-from usvnet.geometry.camera import letterbox_matrix, stack_cameras
+from usvnet.data.transforms import fit_matrix
+from usvnet.geometry.camera import stack_cameras
 from usvnet.geometry.hull_model import stack_hulls
 from usvnet.types import NEAREST_WATERLINE, NUM_KEYPOINTS, Batch, Boats
-
-TRIES = 10
-"""How often a zoom that loses every boat is drawn anew."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +46,8 @@ class BoatDataset(Dataset[Sample]):
         self.frames = frames
         self.size_px = (size_px, size_px)
         self.augmentation = augmentation
+        self.closing_epoch: int | None = None
+        """First epoch of the run's end, see :class:`AugmentationConfig`; None where the end is not known."""
         self.cache = PictureCache(cache_mb, longest_px=2 * size_px)
 
     def __len__(self) -> int:
@@ -66,7 +56,7 @@ class BoatDataset(Dataset[Sample]):
 
     def letterbox_matrix(self, index: int) -> Tensor:
         """(3, 3) float64 matrix from the native pixels of a picture to those of its letterboxed sample."""
-        return letterbox_matrix(torch.tensor(self.frames[index].size_px, dtype=torch.float64), self.size_px)
+        return torch.tensor(fit_matrix(self.frames[index].size_px, self.size_px))
 
     def fill_cache(self) -> None:
         """Decode pictures until the budget is used up: once, before worker processes are forked.
@@ -82,32 +72,17 @@ class BoatDataset(Dataset[Sample]):
     def __getitem__(self, draw: int | Draw) -> Sample:
         """Make a sample, a different one each time when augmenting."""
         index = draw.picture if isinstance(draw, Draw) else draw
-        native = self.frames[index]
-        picture = self.cache.read(native.image_path, native.size_px)
-        letterbox = self.letterbox_matrix(index).numpy()
-        from_cached = letterbox @ resize_matrix((picture.shape[1], picture.shape[0]), native.size_px)
         if self.augmentation is None:
-            return Sample(warp(picture, from_cached, self.size_px), move_frame(native, letterbox, self.size_px), index)
+            return Sample(*plain_view(self._source(index), self.size_px), index)
         seed = draw.seed if isinstance(draw, Draw) else int(torch.randint(2**63 - 1, (1,)))
+        closing = isinstance(draw, Draw) and self.closing_epoch is not None and draw.epoch >= self.closing_epoch
         rng = np.random.default_rng(seed)
-        A, frame = self._place(native, letterbox, self.augmentation, rng)
-        picture = warp(picture, A @ from_cached, self.size_px)
-        if rng.random() < self.augmentation.mirror:
-            picture, frame = mirror_picture(picture), mirror_frame(frame)
-        return Sample(change_colours(picture, self.augmentation, rng), frame, index)
+        view = augment(self._source(index), self._source, len(self), self.size_px, self.augmentation, rng, closing)
+        return Sample(*view, index)
 
-    def _place(
-        self, native: Frame, letterbox: Affine, config: AugmentationConfig, rng: np.random.Generator
-    ) -> tuple[Affine, Frame]:
-        """Draw zoom and shift after the letterbox so that at least one boat stays in the frame, if there is one."""
-        centres_px = native.boxes_px.reshape(-1, 2, 2).mean(1) * np.diag(letterbox)[:2] + letterbox[:2, 2]
-        for _ in range(TRIES):
-            focus_px = rng.choice(centres_px) if len(centres_px) else None
-            A = random_affine(config, self.size_px, rng, focus_px)
-            frame = move_frame(native, A @ letterbox, self.size_px)
-            if len(frame.boxes_px) or not len(native.boxes_px):
-                return A, frame
-        return np.eye(3), move_frame(native, letterbox, self.size_px)
+    def _source(self, index: int) -> Source:
+        frame = self.frames[index]
+        return Source(self.cache.read(frame.image_path, frame.size_px), frame)
 
 
 def collate(samples: list[Sample]) -> Batch:

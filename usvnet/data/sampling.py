@@ -12,10 +12,15 @@ from torch.utils.data import DistributedSampler
 
 
 class Draw(NamedTuple):
-    """A picture of the dataset and the seed of its augmentation."""
+    """A picture of the dataset and the seed of its augmentation: that of the run, the epoch, the picture."""
 
     picture: int
     seed: tuple[int, int, int]
+
+    @property
+    def epoch(self) -> int:
+        """The epoch it is drawn for."""
+        return self.seed[1]
 
 
 class TrainingSampler(DistributedSampler[Draw]):

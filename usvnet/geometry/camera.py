@@ -164,7 +164,7 @@ def transform_camera(camera: Camera, A: Tensor, size_px: Numbers) -> Camera:
     Args:
         camera: B cameras.
         A: (3, 3) or (B, 3, 3) map from old to new pixels: positive scales and a shift, no rotation or mirror
-            (:func:`flip_camera` mirrors).
+            (:func:`turn_camera` turns, :func:`flip_camera` mirrors).
         size_px: width and height of the new pictures, (2,) or (B, 2).
 
     Raises:
@@ -220,6 +220,31 @@ def flip_camera(camera: Camera) -> Camera:
     distortion = camera.distortion.clone()
     distortion[..., 3] = -distortion[..., 3]
     return camera._replace(K=K, distortion=distortion, roll_rad=-camera.roll_rad)
+
+
+def turn_camera(camera: Camera, angle_rad: Tensor | float) -> Camera:
+    """Turn cameras about their optical axis, clockwise seen from behind, by a number or (B,); see :func:`turn_matrix`.
+
+    Exact for every plumb-bob lens: radial distortion does not know directions, and the tangential part is
+    2 (q . x) x + q |x|^2 with q = (p2, p1), so it is enough to turn q like any other vector of the picture.
+    """
+    angle = torch.as_tensor(angle_rad, dtype=camera.roll_rad.dtype, device=camera.roll_rad.device)
+    c, s = torch.cos(angle), torch.sin(angle)
+    k1, k2, p1, p2, k3 = camera.distortion.unbind(-1)
+    distortion = torch.stack([k1, k2, c * p1 - s * p2, c * p2 + s * p1, k3], -1)
+    return camera._replace(distortion=distortion, roll_rad=camera.roll_rad + angle)
+
+
+def turn_matrix(K: Tensor, angle_rad: Tensor | float) -> Tensor:
+    """Pixel map (B, 3, 3) from the pictures of cameras with K (B, 3, 3) to those that :func:`turn_camera` would take.
+
+    The picture turns the other way, about the principal point: A = K Rz(-angle) K^-1.
+    """
+    angle = torch.as_tensor(angle_rad, dtype=K.dtype, device=K.device).expand(K.shape[:-2])
+    c, s, zero = torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)
+    rows = [[c, s, zero], [-s, c, zero], [zero, zero, torch.ones_like(angle)]]
+    R = torch.stack([torch.stack(row, -1) for row in rows], -2)
+    return K @ R @ torch.linalg.inv(K)
 
 
 def project(points_camera_m: Tensor, camera: Camera) -> Tensor:
