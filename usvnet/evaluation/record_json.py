@@ -24,11 +24,11 @@ def boat_to_json(boat: BoatRecord) -> dict[str, Any]:
     """Say a boat in values that JSON can hold."""
     covariance = boat.keypoint_covariance_px2
     return {
-        "box_px": _compact(boat.box_px),
-        "score": _compact(boat.score),
-        "keypoints_px": _compact(boat.keypoints_px),
-        "visibility": _compact(boat.visibility),
-        "keypoint_covariance_px2": _compact(covariance[:, [0, 0, 1], [0, 1, 1]]),
+        "box_px": compact(boat.box_px),
+        "score": compact(boat.score),
+        "keypoints_px": compact(boat.keypoints_px),
+        "visibility": compact(boat.visibility),
+        "keypoint_covariance_px2": compact(covariance[:, [0, 0, 1], [0, 1, 1]]),
         **{name: _range_to_json(estimate) for name, estimate in boat.ranges.items()},
     }
 
@@ -43,12 +43,12 @@ def interval_90_m(estimate: RangeRecord) -> tuple[float, float]:
 
 def _range_to_json(estimate: RangeRecord) -> dict[str, Any]:
     return {
-        "slant_m": _compact(estimate.slant_m),
-        "slant_std_m": _compact(estimate.slant_std_m),
-        "interval_90_m": _compact(list(interval_90_m(estimate))),
-        "horizontal_m": _compact(estimate.horizontal_m),
-        "bearing_deg": _compact(math.degrees(estimate.bearing_rad)),
-        "position_m": _compact(estimate.position_m),
+        "slant_m": compact(estimate.slant_m),
+        "slant_std_m": compact(estimate.slant_std_m),
+        "interval_90_m": compact(list(interval_90_m(estimate))),
+        "horizontal_m": compact(estimate.horizontal_m),
+        "bearing_deg": compact(math.degrees(estimate.bearing_rad)),
+        "position_m": compact(estimate.position_m),
         "valid": estimate.valid,
     }
 
@@ -81,14 +81,14 @@ def _range_from_json(estimate: dict[str, Any]) -> RangeRecord:
     )
 
 
-def _compact(values: FloatArray | list[float] | float) -> Any:
+def compact(values: FloatArray | list[float] | float) -> Any:
     """Numbers with the seven digits that float32 has; what is not finite becomes None."""
     if isinstance(values, float):
         return float(f"{values:.7g}") if math.isfinite(values) else None
-    return [_compact(value) for value in (values.tolist() if isinstance(values, np.ndarray) else values)]
+    return [compact(value) for value in (values.tolist() if isinstance(values, np.ndarray) else values)]
 
 
 def _array(values: Any) -> FloatArray:
-    """Undo :func:`_compact`; None comes back as infinity."""
+    """Undo :func:`compact`; None comes back as infinity."""
     array = np.array(values, dtype=float)  # None becomes nan
     return np.where(np.isnan(array), np.inf, array)
