@@ -82,13 +82,18 @@ def draw_boats(picture: Picture, boats: Sequence[BoatDrawing], scale: float | No
     Returns:
         (round(scale * H), round(scale * W), 3) RGB.
     """
+    canvas, scale = enlarged(picture, scale)
+    paint_boats(canvas, [moved(boat, scale) for boat in boats])
+    return canvas
+
+
+def enlarged(picture: Picture, scale: float | None = None) -> tuple[Picture, float]:
+    """Make a canvas of a picture: a copy at ``scale`` (None: 1, or 2 for a small picture), and that scale."""
     height, width = picture.shape[:2]
     if scale is None:
         scale = 1.0 if max(height, width) >= SMALL_PICTURE_PX else 2.0
     size = (round(scale * width), round(scale * height))
-    canvas = cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC) if scale != 1 else picture.copy()
-    _paint(canvas, [_moved(boat, scale) for boat in boats])
-    return canvas
+    return (cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC) if scale != 1 else picture.copy()), scale
 
 
 def close_up(picture: Picture, boats: Sequence[BoatDrawing], size_px: tuple[int, int]) -> Picture:
@@ -112,12 +117,14 @@ def close_up(picture: Picture, boats: Sequence[BoatDrawing], size_px: tuple[int,
     scale = size_px[0] / part[0]
     A = np.column_stack([scale * np.eye(2), -scale * (corner + 0.5) + (scale - 1) / 2])
     canvas = cv2.warpAffine(picture, A, size_px, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    moved = [_moved(boat, scale, corner + 0.5) for boat in boats]
-    _paint(canvas, moved, [_inset(canvas, picture, corner, part, moved)])
+    enlarged_boats = [moved(boat, scale, corner + 0.5) for boat in boats]
+    paint_boats(canvas, enlarged_boats, [_inset(canvas, picture, corner, part, enlarged_boats)])
     return canvas
 
 
-def _moved(boat: BoatDrawing, scale: float, origin_px: FloatArray | float = 0.0) -> BoatDrawing:
+def moved(boat: BoatDrawing, scale: float, origin_px: FloatArray | float = 0.0) -> BoatDrawing:
+    """The drawing on a canvas that shows the picture from ``origin_px`` on, ``scale`` times as large."""
+
     def move(points_px: FloatArray) -> FloatArray:
         return scale * (points_px - origin_px + 0.5) - 0.5  # pixel centres are integers
 
@@ -129,7 +136,7 @@ def _moved(boat: BoatDrawing, scale: float, origin_px: FloatArray | float = 0.0)
     )
 
 
-def _paint(canvas: Picture, boats: Sequence[BoatDrawing], taken: Sequence[Rectangle] = ()) -> None:
+def paint_boats(canvas: Picture, boats: Sequence[BoatDrawing], taken: Sequence[Rectangle] = ()) -> None:
     """Draw boats that are in the canvas's pixels, and their labels off the places that are ``taken``."""
     unit = min(canvas.shape[:2]) / 640
     for boat in boats:

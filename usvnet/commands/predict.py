@@ -1,0 +1,152 @@
+"""``usvnet predict``: boats and their ranges in pictures, videos, webcams and streams."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from usvnet import __version__
+from usvnet.checkpoints import sha256
+from usvnet.deploy.annotated import annotated_pictures, annotated_video
+from usvnet.deploy.outputs import Outputs, Writer, boat_table, json_lines
+from usvnet.deploy.predictor import Predictor, best_estimator, check_estimator, default_checkpoint
+from usvnet.deploy.run import Tally, predict_source, stopped_by_signals
+from usvnet.deploy.sources import Photographs, Source
+from usvnet.deploy.streams import LiveStream, open_source
+from usvnet.visualize.scene import SceneDrawer
+
+LINES, TABLE, VIDEO, PICTURES = "predictions.jsonl", "predictions.csv", "video.mp4", "pictures"
+
+
+def predict(
+    source: str,
+    *,
+    camera: Path,
+    checkpoint: Path | None = None,
+    output: Path = Path("predictions"),
+    estimator: str | None = None,
+    image_size: int | None = None,
+    confidence: float = 0.25,
+    batch_size: int = 1,
+    every: int = 1,
+    max_frames: int | None = None,
+    save: Literal["auto", "pictures", "video", "none"] = "auto",
+    show_topdown: bool = True,
+    device: str | None = None,
+) -> None:
+    """Find the boats in pictures or a video, and say how far away they are and how sure that is.
+
+    Writes predictions.jsonl (everything, frame by frame), predictions.csv (a row for each boat), and the pictures or
+    the video with boats, ranges, horizon and a chart drawn on. Files of the same names are replaced. Ctrl-C ends a run
+    early; what was predicted until then is kept.
+
+    Args:
+        source: Picture, folder, glob (quote it), video, number of a webcam, or rtsp:// or http:// address.
+        camera: Camera file of usvnet calibrate, with the mount; scaled where pictures have another size but its shape.
+        checkpoint: Weights written by train.py; the ones that come with usvnet where none is named.
+        output: Folder of the results.
+        estimator: The range to draw and to count; the best there is where none is named.
+        image_size: Longer side of what the network sees, pixels; the size it was trained on where none is named.
+        confidence: Lowest score of a boat.
+        batch_size: Pictures, or frames of a video, computed at once; a stream's frames go one by one.
+        every: Take one frame in so many.
+        max_frames: Stop after so many.
+        save: What to draw on; auto is a video of a video or stream, and pictures of pictures.
+        show_topdown: Draw the chart that shows the boats from above.
+        device: Where to compute, e.g. cpu or cuda:1; the first GPU where there is one.
+
+    Raises:
+        FileNotFoundError: no such source, camera file or checkpoint.
+        ValueError: one that is not what it should be, or an option out of range.
+        ConnectionError: a stream that cannot be opened, or that broke off and did not come back.
+    """
+    estimator = estimator or best_estimator()
+    check_estimator(estimator)
+    for name, number in (("batch_size", batch_size), ("max_frames", max_frames)):
+        if number is not None and number < 1:
+            raise ValueError(f"{name}: got {number}, expected at least 1")
+    checkpoint = checkpoint or default_checkpoint()
+    predictor = Predictor(checkpoint, camera, image_size, confidence, device)
+    console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
+    frames = open_source(source, console.print, every)
+    meta = {
+        "program": f"usvnet predict {__version__}",
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "source": frames.name,
+        "every": every,
+        "camera": str(camera),
+        "camera_sha256": sha256(camera),
+        "checkpoint": str(checkpoint),
+        "checkpoint_sha256": sha256(checkpoint),
+        "image_size": predictor.image_size,
+        "confidence": confidence,
+        "estimator": estimator,
+    }
+    writers = _writers(frames, output, meta, estimator, save, SceneDrawer(estimator, show_topdown))
+    with Outputs(writers) as outputs, stopped_by_signals(frames) as signals, _progress(console) as progress:
+        task = progress.add_task("predicting", total=_fewer(frames.total, max_frames), pace="")
+
+        def watch(tally: Tally) -> None:
+            progress.update(task, completed=tally.frames, pace=f"{tally.frames_per_s:.1f} frames/s")
+
+        tally = predict_source(frames, predictor, outputs, estimator, console.print, batch_size, max_frames, watch)
+    _tell(frames, predictor, tally, estimator)
+    if outputs.written:
+        print(f"wrote {', '.join(str(path) for path in outputs.written)}")
+    if signals:
+        raise KeyboardInterrupt
+    if isinstance(frames, LiveStream) and frames.given_up:
+        raise ConnectionError(f"{frames.name}: broke off and did not come back")
+    if not tally.frames:
+        raise ValueError(f"{source}: none of its pictures can be read")
+
+
+def _writers(
+    source: Source, folder: Path, meta: dict[str, Any], estimator: str, save: str, drawer: SceneDrawer
+) -> dict[Path, Writer]:
+    writers: dict[Path, Writer] = {
+        folder / LINES: lambda: json_lines(folder / LINES, meta, estimator),
+        folder / TABLE: lambda: boat_table(folder / TABLE, estimator),
+    }
+    if save == "auto":
+        save = "pictures" if isinstance(source, Photographs) else "video"
+    if save == "pictures":
+        writers[folder / PICTURES] = lambda: annotated_pictures(folder / PICTURES, drawer, source)
+    if save == "video":
+        writers[folder / VIDEO] = lambda: annotated_video(folder / VIDEO, drawer, source)
+    return writers
+
+
+def _fewer(total: int | None, most: int | None) -> int | None:
+    counts = [count for count in (total, most) if count is not None]
+    return min(counts) if counts else None
+
+
+def _progress(console: Console) -> Progress:
+    columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[pace]}"))
+    return Progress(*columns, TimeRemainingColumn(), console=console, transient=True)
+
+
+def _tell(source: Source, predictor: Predictor, tally: Tally, estimator: str) -> None:
+    """Print what came out, what it took and what was lost."""
+    if tally.frames:
+        stages = ", ".join(f"{name} {1000 * spent / tally.frames:.1f}" for name, spent in tally.seconds.items())
+        seconds = tally.frames / tally.frames_per_s
+        print(f"{tally.frames} frames in {seconds:.1f} s: {tally.frames_per_s:.1f} frames per second ({stages} ms)")
+        reach = f", from {tally.nearest_m:.1f} to {tally.farthest_m:.1f} m" if tally.ranged else ""
+        print(f"{tally.boats} boats, {tally.ranged} of them ranged by {estimator}{reach}")
+    native = tuple(int(side) for side in predictor.camera.size_px[0])
+    scaled = [f"{width} x {height}" for width, height in predictor.sizes_px if (width, height) != native]
+    if scaled:
+        print(f"{predictor.camera_name}: scaled from {native[0]} x {native[1]} to pictures of {', '.join(scaled)}")
+    losses = source.losses
+    for count, what in (
+        (losses.unreadable, "frames could not be read"),
+        (tally.misfits, "pictures do not have the camera's shape"),
+        (losses.overtaken, "frames of the stream were overtaken by newer ones"),
+        (losses.interruptions, "times the stream broke off"),
+    ):
+        if count:
+            print(f"{count} {what}")

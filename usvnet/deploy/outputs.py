@@ -1,0 +1,142 @@
+"""What prediction leaves behind: JSON Lines and a table, and in :mod:`usvnet.deploy.annotated` pictures or a video.
+
+Everything is written frame by frame under a temporary name, and takes its own name when the writing ends, however it
+ends: what was predicted before a line broke or Ctrl-C was pressed is kept, whole.
+"""
+
+import csv
+import json
+import math
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from usvnet.deploy.sources import Frame
+from usvnet.evaluation.record_json import boat_to_json, compact, interval_90_m
+from usvnet.evaluation.records import ESTIMATORS, BoatRecord
+from usvnet.files import atomic_write
+from usvnet.types import KEYPOINT_NAMES, Camera
+
+
+class FrameBoats(NamedTuple):
+    """A frame and what was found in it."""
+
+    frame: Frame
+    boats: list[BoatRecord]
+    """Best first, in the frame's pixels."""
+    camera: Camera
+    """The frame's (a batch of 1)."""
+
+
+Write = Callable[[FrameBoats], None]
+Writer = Callable[[], AbstractContextManager[Write]]
+
+
+class Outputs:
+    """Several writers as one; each opens with the first frame, so that a refusal leaves nothing behind.
+
+    Use as a context; leaving it closes all and gives the files their names.
+
+    Args:
+        writers: by the path that each writes to.
+    """
+
+    def __init__(self, writers: dict[Path, Writer]) -> None:
+        self.writers = writers
+        self._opened = ExitStack()
+        self._writes: list[Write] = []
+
+    @property
+    def written(self) -> list[Path]:
+        """The files and folders that there are."""
+        return list(self.writers) if self._writes else []
+
+    def write(self, found: FrameBoats) -> None:
+        """Hand a frame to every writer.
+
+        Raises:
+            OSError: a disk that is full, or a folder that cannot be written to.
+        """
+        if not self._writes:
+            self._writes = [self._opened.enter_context(writer()) for writer in self.writers.values()]
+        for write in self._writes:
+            write(found)
+
+    def __enter__(self) -> "Outputs":
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close and keep, also after an error."""
+        self._opened.close()
+
+
+@contextmanager
+def json_lines(path: Path, meta: dict[str, Any], estimator: str) -> Iterator[Write]:
+    """Write what :func:`usvnet.evaluation.predictions.read_predictions` reads.
+
+    The first line is ``{"meta": {...}}``; each further one is a frame, ``{"image": name, "frame": number, "time_s": t,
+    "size_px": [w, h], "boats": [...]}``, whose boats carry every estimator (see :mod:`usvnet.evaluation.record_json`)
+    and the name of the chosen ``"estimator"``.
+    """
+    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.write(json.dumps({"meta": meta}) + "\n")
+
+        def write(found: FrameBoats) -> None:
+            frame = found.frame
+            content = {
+                "image": frame.name,
+                "frame": frame.number,
+                "time_s": _seconds(frame),
+                "size_px": list(frame.picture.shape[1::-1]),
+                "boats": [boat_to_json(boat) | {"estimator": estimator} for boat in found.boats],
+            }
+            file.write(json.dumps(content, allow_nan=False) + "\n")
+
+        yield write
+
+
+def table_header() -> list[str]:
+    """The columns of the table: one row is one boat."""
+    ranges = ("estimator", "valid", "slant_m", "slant_std_m", "low_90_m", "high_90_m", "horizontal_m", "bearing_deg")
+    others = (f"{name}_{what}" for name in ESTIMATORS for what in ("slant_m", "slant_std_m"))
+    parts = ("u_px", "v_px", "visibility", "uu_px2", "uv_px2", "vv_px2")
+    keypoints = (f"{name}_{part}" for name in KEYPOINT_NAMES for part in parts)
+    boxes = ("score", "x1_px", "y1_px", "x2_px", "y2_px")
+    return ["image", "frame", "time_s", "boat", *boxes, *ranges, *others, *keypoints]
+
+
+def table_rows(found: FrameBoats, estimator: str) -> Iterator[list[Any]]:
+    """The rows of one frame; what is not finite is empty."""
+    frame = found.frame
+    for number, boat in enumerate(found.boats):
+        estimate = boat.ranges[estimator]
+        covariance = boat.keypoint_covariance_px2[:, [0, 0, 1], [0, 1, 1]]
+        keypoints = np.concatenate([boat.keypoints_px, boat.visibility[:, None], covariance], axis=1)
+        chosen = [estimate.slant_m, estimate.slant_std_m, *interval_90_m(estimate), estimate.horizontal_m]
+        others = [metres for other in boat.ranges.values() for metres in (other.slant_m, other.slant_std_m)]
+        yield [
+            *(frame.name, frame.number, _seconds(frame), number, compact(boat.score), *compact(boat.box_px)),
+            *(estimator, int(estimate.valid), *compact(chosen), compact(math.degrees(estimate.bearing_rad))),
+            *compact(others),
+            *compact(keypoints.ravel()),
+        ]
+
+
+@contextmanager
+def boat_table(path: Path, estimator: str) -> Iterator[Write]:
+    """Write a CSV with a row for each boat: the ranges of the chosen estimator, and those of all beside it."""
+    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(table_header())
+        yield lambda found: table.writerows(table_rows(found, estimator))
+
+
+def _seconds(frame: Frame) -> float | None:
+    return None if frame.time_s is None else round(frame.time_s, 6)
