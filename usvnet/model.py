@@ -6,7 +6,7 @@ from usvnet.geometry.ranging import RangingLayer
 from usvnet.heatmap import decode
 from usvnet.network.nms import select_boats
 from usvnet.network.variants import build_network
-from usvnet.types import Camera, Prediction
+from usvnet.types import Camera, Hull, Prediction
 
 
 class USVNet(nn.Module):
@@ -40,13 +40,14 @@ class USVNet(nn.Module):
         self.network = build_network(variant)
         self.ranging = RangingLayer(curved_water)
 
-    def forward(self, image: Tensor, camera: Camera) -> Prediction:
+    def forward(self, image: Tensor, camera: Camera, hull: Hull | None = None) -> Prediction:
         """Find and range the boats.
 
         Args:
             image: (B, 3, H, W) RGB in [0, 1]; H and W multiples of the network's ``largest_stride_px``, 32
                 (64 with YOLOv8-P6).
             camera: the B cameras of these very pictures (see :func:`usvnet.geometry.camera.letterbox_camera`).
+            hull: the shape of the boats in each picture; None takes a generic one of uncertain size.
 
         Returns:
             Up to N boats a picture, best first.
@@ -54,7 +55,7 @@ class USVNet(nn.Module):
         output = self.network(image)
         boats = select_boats(output, self.max_boats, self.score_threshold, self.iou_threshold)
         keypoints_px, covariance_px2 = self.locate(output.heatmap_logits, boats.keypoints_px)
-        box_bottom, waterline = self.ranging(keypoints_px, covariance_px2, boats.boxes_px, camera)
+        ranges = self.ranging(keypoints_px, covariance_px2, boats.boxes_px, camera, hull)
         return Prediction(
             boxes_px=boats.boxes_px,
             scores=boats.scores,
@@ -62,8 +63,13 @@ class USVNet(nn.Module):
             keypoint_covariance_px2=covariance_px2,
             visibility=boats.visibility,
             present=boats.present,
-            box_bottom=box_bottom,
-            waterline=waterline,
+            box_bottom=ranges.box_bottom,
+            waterline=ranges.waterline,
+            hull=ranges.hull,
+            fused=ranges.fused,
+            heading_rad=ranges.heading_rad,
+            heading_std_rad=ranges.heading_std_rad,
+            misfit=ranges.misfit,
         )
 
     def locate(self, heatmap_logits: Tensor, coarse_keypoints_px: Tensor) -> tuple[Tensor, Tensor]:

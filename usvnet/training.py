@@ -16,7 +16,7 @@ from usvnet.evaluation.scores import Scores, score
 from usvnet.losses import Assignment, Criterion, assign
 from usvnet.model import USVNet
 from usvnet.optimiser import WarmupSchedule, build_optimiser, resolve_auto, warmup_steps
-from usvnet.types import NEAREST_WATERLINE, WATERLINE_KEYPOINTS, Batch, Boats, Camera, NetworkOutput, Prediction
+from usvnet.types import NEAREST_WATERLINE, WATERLINE_KEYPOINTS, Batch, Boats, Camera, Hull, NetworkOutput, Prediction
 
 
 class USVModule(LightningModule):
@@ -58,9 +58,9 @@ class USVModule(LightningModule):
         self.stamp = {"variant": variant, "curved_water": curved_water}
         self._scored: dict[int, tuple[list[BoatRecord], list[TruthRecord]]] = {}
 
-    def forward(self, image: Tensor, camera: Camera) -> Prediction:
+    def forward(self, image: Tensor, camera: Camera, hull: Hull | None = None) -> Prediction:
         """Find and range the boats, see :meth:`usvnet.model.USVNet.forward`."""
-        prediction: Prediction = self.model(image, camera)
+        prediction: Prediction = self.model(image, camera, hull)
         return prediction
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
@@ -103,7 +103,7 @@ class USVModule(LightningModule):
 
     def validation_step(self, batch: Batch, batch_idx: int) -> dict[str, Prediction]:
         """Predict with the averaged weights and keep the boats for scoring."""
-        prediction = self(batch.image, batch.camera)
+        prediction = self(batch.image, batch.camera, batch.hull)
         pictures = zip(to_records(prediction), to_truths(batch.boats), strict=True)
         self._scored.update(zip(batch.frame_index.tolist(), pictures, strict=True))
         return {"prediction": prediction}

@@ -32,6 +32,7 @@ Everything here is a NamedTuple of tensors, so that the whole chain scripts and 
 pictures, N the number of boats (padded), A the number of anchors.
 """
 
+from enum import IntEnum
 from typing import NamedTuple
 
 from torch import Tensor
@@ -156,6 +157,19 @@ class Detections(NamedTuple):
     """(B, N) bool, False on padding."""
 
 
+class Reason(IntEnum):
+    """Why a range is given, or why not."""
+
+    OK = 0
+    """It is."""
+    HORIZON = 1
+    """The ray is at or above the horizon."""
+    MISFIT = 2
+    """The keypoints do not fit the hull: a reflection, ends mistaken for each other, another boat."""
+    NO_RAY = 3
+    """The lens gives the pixel no ray (or fewer than three keypoints one)."""
+
+
 class RangeEstimate(NamedTuple):
     """How far, which way and how sure, by one estimator. The leading shape ``...`` is (B, N) in a prediction."""
 
@@ -170,7 +184,28 @@ class RangeEstimate(NamedTuple):
     position_m: Tensor
     """(..., 3) in the level frame; 0 where not valid."""
     valid: Tensor
-    """(...) bool, False for a ray at or above the horizon."""
+    """(...) bool, whether there is a range."""
+    reason: Tensor
+    """(...) int64, a :class:`Reason`: 0 where valid."""
+
+
+class Ranges(NamedTuple):
+    """What the geometry says of N boats in B pictures."""
+
+    box_bottom: RangeEstimate
+    """The paper's baseline: the bottom centre of the box."""
+    waterline: RangeEstimate
+    """The paper's method: the waterline keypoint nearest to the camera."""
+    hull: RangeEstimate
+    """All keypoints on one rigid hull: the nearer waterline point of the hull that fits them best."""
+    fused: RangeEstimate
+    """Waterline and hull together, with what their errors have in common."""
+    heading_rad: Tensor
+    """(B, N) the fitted hull's bow, clockwise from the optical axis seen from above."""
+    heading_std_rad: Tensor
+    """(B, N)"""
+    misfit: Tensor
+    """(B, N) chi-squared of the hull's fit over its 99 % quantile: about 1 good boat in 100 is above 1."""
 
 
 class Prediction(NamedTuple):
@@ -189,6 +224,13 @@ class Prediction(NamedTuple):
     present: Tensor
     """(B, N) bool, False on padding."""
     box_bottom: RangeEstimate
-    """The paper's baseline: the bottom centre of the box."""
+    """This and all that follows as in :class:`Ranges`."""
     waterline: RangeEstimate
-    """The paper's method: the waterline keypoint nearest to the camera."""
+    hull: RangeEstimate
+    fused: RangeEstimate
+    heading_rad: Tensor
+    """(B, N)"""
+    heading_std_rad: Tensor
+    """(B, N)"""
+    misfit: Tensor
+    """(B, N)"""

@@ -39,7 +39,7 @@ def test_labels_camera_and_laser_agree(sample: Path, split: str):
     batch = collate([BoatDataset(frames, 320)[i] for i in range(len(frames))])
     keypoints = batch.boats.keypoints_px
     covariance = torch.eye(2).expand(*keypoints.shape, 2)
-    _, waterline = RangingLayer()(keypoints, covariance, batch.boats.boxes_px, batch.camera)
+    waterline = RangingLayer()(keypoints, covariance, batch.boats.boxes_px, batch.camera).waterline
     error = (waterline.slant_m / batch.boats.range_m - 1).abs()
     assert error.max() < 0.05
     assert error.median() < 0.01

@@ -10,7 +10,7 @@ from usvnet.data.dataset import BoatDataset
 from usvnet.data.records import Frame
 from usvnet.geometry.camera import make_camera
 from usvnet.model import USVNet
-from usvnet.types import Camera, Prediction
+from usvnet.types import Camera, Hull, Prediction
 
 from .boats import BOX_PX, KEYPOINTS_PX
 
@@ -27,14 +27,14 @@ class Oracle(USVNet):
         self.missed = missed
         self.predicted = 0
 
-    def forward(self, image: Tensor, camera: Camera) -> Prediction:
+    def forward(self, image: Tensor, camera: Camera, hull: Hull | None = None) -> Prediction:
         indices = range(self.predicted, self.predicted + len(image))
         self.predicted += len(image)
         frames = [self.dataset[index].frame for index in indices]
         keypoints_px = torch.tensor(np.array([frame.keypoints_px for frame in frames]), dtype=torch.float32)
         boxes_px = torch.tensor(np.array([frame.boxes_px for frame in frames]), dtype=torch.float32)
         covariance_px2 = 0.25 * torch.eye(2).expand(len(frames), 1, 7, 2, 2)
-        box_bottom, waterline = self.ranging(keypoints_px, covariance_px2, boxes_px, camera)
+        ranges = self.ranging(keypoints_px, covariance_px2, boxes_px, camera, hull)
         return Prediction(
             boxes_px=boxes_px,
             scores=torch.tensor([[0.1 if index in self.missed else 0.9] for index in indices]),
@@ -42,8 +42,7 @@ class Oracle(USVNet):
             keypoint_covariance_px2=covariance_px2,
             visibility=torch.full((len(frames), 1, 7), 0.9),
             present=torch.ones(len(frames), 1, dtype=torch.bool),
-            box_bottom=box_bottom,
-            waterline=waterline,
+            **ranges._asdict(),
         )
 
 
@@ -62,7 +61,7 @@ def dataset(tmp_path) -> BoatDataset:
         shift = np.array([20.0 * n, -5.0 * n])
         keypoints = torch.tensor(KEYPOINTS_PX + shift, dtype=torch.float32)[None, None]
         box = torch.tensor(BOX_PX + np.tile(shift, 2), dtype=torch.float32)[None, None]
-        _, waterline = ranging(keypoints, torch.zeros(1, 1, 7, 2, 2), box, camera)
+        waterline = ranging(keypoints, torch.zeros(1, 1, 7, 2, 2), box, camera).waterline
         frames.append(
             Frame(
                 image_path=path,

@@ -1,8 +1,9 @@
 import numpy as np
+import pytest
 import torch
 
 from usvnet.evaluation.records import ESTIMATORS, match_boats, to_records, to_truths
-from usvnet.types import Boats, Prediction, RangeEstimate
+from usvnet.types import Boats, Prediction, RangeEstimate, Reason
 
 from .boats import boat, truth
 
@@ -12,7 +13,13 @@ LETTERBOX = torch.tensor([[[0.5, 0.0, 3.0], [0.0, 0.5, 83.0], [0.0, 0.0, 1.0]]])
 def estimate(slant_m):
     slant_m = torch.as_tensor(slant_m)
     return RangeEstimate(
-        slant_m, 0.1 * slant_m, 0.9 * slant_m, 0 * slant_m, torch.zeros(*slant_m.shape, 3), torch.isfinite(slant_m)
+        slant_m,
+        0.1 * slant_m,
+        0.9 * slant_m,
+        0 * slant_m,
+        torch.zeros(*slant_m.shape, 3),
+        torch.isfinite(slant_m),
+        torch.isinf(slant_m).long(),
     )
 
 
@@ -27,11 +34,16 @@ def prediction():
         present=torch.tensor([[True, True, False]]),
         box_bottom=estimate([[5.0, float("inf"), 0.0]]),
         waterline=estimate([[6.0, 7.0, 0.0]]),
+        hull=estimate([[6.5, 7.5, 0.0]]),
+        fused=estimate([[6.6, 7.6, 0.0]]),
+        heading_rad=torch.tensor([[0.1, 0.2, 0.3]]),
+        heading_std_rad=torch.tensor([[0.01, 0.02, 0.03]]),
+        misfit=torch.tensor([[0.4, 0.5, 0.6]]),
     )
 
 
 def test_estimators_are_the_range_estimates_of_a_prediction():
-    assert ESTIMATORS[:2] == ("box_bottom", "waterline")
+    assert ESTIMATORS == ("box_bottom", "waterline", "hull", "fused")
 
 
 def test_boats_come_best_first_without_padding():
@@ -40,7 +52,9 @@ def test_boats_come_best_first_without_padding():
     assert [round(record.score, 6) for record in records] == [0.8, 0.4]
     np.testing.assert_allclose(records[0].box_px, batch.boxes_px[0, 1])
     assert records[0].ranges["waterline"].slant_m == 7.0
+    assert (records[0].heading_rad, records[0].misfit) == pytest.approx((0.2, 0.5))
     assert not records[0].ranges["box_bottom"].usable
+    assert records[0].ranges["box_bottom"].reason == Reason.HORIZON
     assert records[1].ranges["box_bottom"].usable
 
 

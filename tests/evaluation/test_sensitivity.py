@@ -91,7 +91,9 @@ def test_the_figures_of_the_textbook_camera():
 
 
 def test_a_height_that_is_wrong_is_a_range_that_is_wrong_by_the_same_share():
-    for cost in study().curves():
+    one_point = [cost for cost in study().curves() if cost.estimator in ("box_bottom", WATERLINE)]
+    assert one_point
+    for cost in one_point:
         assert cost.exact == pytest.approx(0.03 / 1.5, rel=1e-6)
         assert cost.first_order == pytest.approx(0.03 / 1.5, rel=1e-6)
 

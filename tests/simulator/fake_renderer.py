@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from usvnet.geometry.camera import project
-from usvnet.geometry.ranging import level_rotation
+from usvnet.geometry.rays import level_rotation
 from usvnet.simulator.frame_spec import BoatSpec, FrameSpec
 from usvnet.simulator.rendered import BoatTruth, RenderedFrame
 

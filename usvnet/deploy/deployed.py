@@ -30,10 +30,15 @@ OUTPUTS = {
     "keypoints_px": "(B, N, 7, 2) u, v",
     "keypoint_covariance_px2": "(B, N, 7, 2, 2)",
     "visibility": "(B, N, 7) probability that the keypoint is seen",
+    "heading_rad": "(B, N) the boat's bow, clockwise from the optical axis, seen from above",
+    "heading_std_rad": "(B, N) one standard deviation of it",
+    "misfit": "(B, N) how badly the keypoints fit the hull: about 1 good boat in 100 is above 1, and refused",
 }
 ESTIMATORS = {
     "box_bottom": "the bottom centre of the box",
     "waterline": "the waterline keypoint nearest to the camera",
+    "hull": "all keypoints fitted by a rigid hull, its nearer waterline point",
+    "fused": "waterline and hull together",
 }
 ESTIMATES = {
     "slant_m": "(B, N) straight line from the camera, inf where not valid",
@@ -41,7 +46,8 @@ ESTIMATES = {
     "horizontal_m": "(B, N) along the water",
     "bearing_rad": "(B, N) clockwise from the optical axis, seen from above",
     "position_m": "(B, N, 3) right, down and forward in the level frame",
-    "valid": "(B, N) bool, False at or above the horizon",
+    "valid": "(B, N) bool, whether there is a range",
+    "reason": "(B, N) int64: 0 valid, 1 at or above the horizon, 2 the keypoints do not fit the hull, 3 no ray",
 }
 """What there is for each estimator, named ``<estimator>_<estimate>``."""
 
@@ -105,9 +111,14 @@ class DeployedUSVNet(nn.Module):
             "keypoints_px": prediction.keypoints_px,
             "keypoint_covariance_px2": prediction.keypoint_covariance_px2,
             "visibility": prediction.visibility,
+            "heading_rad": prediction.heading_rad,
+            "heading_std_rad": prediction.heading_std_rad,
+            "misfit": prediction.misfit,
         }
         add_estimate(named, "box_bottom", prediction.box_bottom)
         add_estimate(named, "waterline", prediction.waterline)
+        add_estimate(named, "hull", prediction.hull)
+        add_estimate(named, "fused", prediction.fused)
         return named
 
 
@@ -126,6 +137,7 @@ def add_estimate(named: dict[str, Tensor], estimator: str, estimate: RangeEstima
     named[estimator + "_bearing_rad"] = estimate.bearing_rad
     named[estimator + "_position_m"] = estimate.position_m
     named[estimator + "_valid"] = estimate.valid
+    named[estimator + "_reason"] = estimate.reason
 
 
 def fold_norms(model: nn.Module) -> None:

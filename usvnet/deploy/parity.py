@@ -1,8 +1,9 @@
 """Does the exported file say what the model said? Compared at two picture sizes and two batch sizes.
 
-In two steps, since a choice between two equal scores may tip by one rounding error, which is no error of the export:
-the network with folded normalisation against the model, before anything is chosen; then the whole chain read from the
-file against the same chain in memory, where the arithmetic is the same and so must be every choice.
+In steps, since a choice between two equal scores may tip by one rounding error, which is no error of the export: the
+network with folded normalisation against the model, before anything is chosen; then the whole chain read from the file
+against the same chain in memory, where the arithmetic is the same and so must be every choice; and the fit of a hull,
+which means nothing on the boats of a random picture, on boats that are ones.
 """
 
 from typing import NamedTuple
@@ -11,7 +12,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from usvnet.deploy.deployed import ESTIMATORS, DeployedUSVNet
+from usvnet.deploy.deployed import DeployedUSVNet
+from usvnet.geometry.camera import project
+from usvnet.geometry.hull_model import generic_hull
+from usvnet.geometry.ranging import RangingLayer
+from usvnet.geometry.rays import level_rotation
 from usvnet.heatmap import HEATMAP_STRIDE, SIGMA_CELLS, decode
 from usvnet.model import USVNet
 from usvnet.types import Camera
@@ -24,6 +29,9 @@ TOLERANCE_M = 0.001
 TOLERANCE_REST = 1e-4
 """Relative or absolute, for scores and everything else."""
 REFERENCE_RANGE_M = 10.0
+PROBE_BOATS_M = ((-0.5, 5.0, 0.3), (0.0, 7.0, 2.0), (1.0, 10.0, -2.5), (2.0, 12.0, 1.2), (-3.0, 15.0, -0.8))
+"""Right of the camera, ahead of it, and heading (rad) of the boats that are fitted."""
+OF_FITS = ("hull", "fused", "heading", "misfit")
 
 
 class Parity(NamedTuple):
@@ -59,6 +67,7 @@ def check_parity(model: USVNet, deployed: DeployedUSVNet, reloaded: nn.Module) -
             for found in (
                 compare_networks(model, deployed.model, image, camera),
                 compare_chains(deployed, reloaded, image, camera),
+                compare_fits(deployed.model.ranging, camera),
             ):
                 worst = Parity(*[max(a, b) for a, b in zip(worst, found)])
     if not (worst.px <= TOLERANCE_PX and worst.m_at_10_m <= TOLERANCE_M and worst.rest <= TOLERANCE_REST):
@@ -107,7 +116,7 @@ def compare_networks(model: USVNet, folded: USVNet, image: Tensor, camera: Camer
         points, _ = decode(output.heatmap_logits, centre, HEATMAP_STRIDE, whole_map, SIGMA_CELLS)
         covariance = torch.eye(2).expand(*output.keypoints_px.shape, 2)
         ranges = one.ranging(output.keypoints_px, covariance, output.boxes_px, camera)
-        answers.append((output, points, ranges))
+        answers.append((output, points, (ranges.box_bottom, ranges.waterline)))  # a fit chooses where it starts
     (output_a, points_a, ranges_a), (output_b, points_b, ranges_b) = answers
     return Parity(
         px=max(
@@ -126,11 +135,38 @@ def compare_chains(deployed: DeployedUSVNet, reloaded: nn.Module, image: Tensor,
     inputs = (image, *mount, camera_std(camera))
     expected, got = deployed(*inputs), reloaded(*inputs)
     pixels = ("boxes_px", "keypoints_px")
-    ranges = tuple(f"{estimator}_slant_m" for estimator in ESTIMATORS)
+    names = [name for name in expected if not name.startswith(OF_FITS)]
+    ranges = [name for name in names if name.endswith("_slant_m")]
     return Parity(
         px=max(difference(expected[name], got[name]) for name in pixels),
         m_at_10_m=max(range_difference(expected[name], got[name]) for name in ranges),
-        rest=max(difference(expected[name], got[name], relative=True) for name in expected.keys() - {*pixels, *ranges}),
+        rest=max(difference(expected[name], got[name], relative=True) for name in {*names} - {*pixels, *ranges}),
+    )
+
+
+def compare_fits(ranging: RangingLayer, camera: Camera) -> Parity:
+    """Difference of the ranges and headings of some boats, fitted by the layer as it is and by the layer scripted."""
+    right_m, ahead_m, heading = torch.tensor(PROBE_BOATS_M).T[..., None]
+    x, y, z = generic_hull().points_m[0].T
+    sine, cosine = heading.sin(), heading.cos()
+    below_m = camera.height_m[:, None, None] - z
+    level_m = torch.broadcast_tensors(right_m + x * sine - y * cosine, below_m, ahead_m + x * cosine + y * sine)
+    rotation = level_rotation(camera.pitch_rad, camera.roll_rad).unsqueeze(1)
+    points_m = torch.stack(level_m, -1) @ rotation
+    keypoints_px = project(points_m.flatten(1, 2), camera).unflatten(1, points_m.shape[1:3])
+    boxes_px = torch.cat([keypoints_px.amin(2), keypoints_px.amax(2)], -1)
+    covariance_px2 = torch.eye(2).expand(*keypoints_px.shape, 2)
+    scripted = torch.jit.script(ranging)
+    expected, got = (layer(keypoints_px, covariance_px2, boxes_px, camera) for layer in (ranging, scripted))
+    pairs = ((expected.hull, got.hull), (expected.fused, got.fused))
+    return Parity(
+        px=0.0,
+        m_at_10_m=max(range_difference(a.slant_m, b.slant_m) for a, b in pairs),
+        rest=max(
+            difference(expected.heading_rad, got.heading_rad),
+            difference(expected.misfit, got.misfit),
+            *[difference(a.slant_std_m, b.slant_std_m, relative=True) for a, b in pairs],
+        ),
     )
 
 

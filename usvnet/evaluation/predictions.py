@@ -22,6 +22,7 @@ from usvnet.evaluation.record_json import boat_from_json, boat_to_json
 from usvnet.evaluation.records import BoatRecord, to_records
 from usvnet.files import atomic_write
 from usvnet.geometry.camera import camera_to
+from usvnet.geometry.hull_model import hull_to
 from usvnet.model import USVNet
 
 Meta = dict[str, Any]
@@ -119,7 +120,7 @@ def _predict(model: USVNet, dataset: BoatDataset, batch_size: int) -> Iterator[P
     for batch in track(loader, "Predicting", console=Console(stderr=True), transient=True):
         image = batch.image.to(device, memory_format=torch.channels_last)
         with torch.inference_mode():
-            prediction = model(image, camera_to(batch.camera, device))
+            prediction = model(image, camera_to(batch.camera, device), hull_to(batch.hull, device))
         indices = batch.frame_index.tolist()
         letterbox = torch.stack([dataset.letterbox_matrix(index) for index in indices])
         for index, boats in zip(indices, to_records(prediction, letterbox)):

@@ -4,8 +4,10 @@
 
     {"box_px": [x1, y1, x2, y2], "score": s, "keypoints_px": 7 x [u, v], "visibility": 7 x probability,
      "keypoint_covariance_px2": 7 x [uu, uv, vv],
-     "box_bottom": {"slant_m", "slant_std_m", "interval_90_m", "horizontal_m", "bearing_deg", "position_m", "valid"},
-     "waterline": {...}}
+     "box_bottom": {"slant_m", "slant_std_m", "interval_90_m", "horizontal_m", "bearing_deg", "position_m", "valid",
+                    "reason"},
+     "waterline": {...}, "hull": {...}, "fused": {...},
+     "heading_deg": h, "heading_std_deg": s, "misfit": m}
 
 Keypoints stand in the order of :data:`usvnet.types.KEYPOINT_NAMES`. What is not finite is null: a ray above the
 horizon has no range.
@@ -18,6 +20,7 @@ import numpy as np
 
 from usvnet.evaluation.range_metrics import Z_90
 from usvnet.evaluation.records import ESTIMATORS, BoatRecord, FloatArray, RangeRecord
+from usvnet.types import Reason
 
 
 def boat_to_json(boat: BoatRecord) -> dict[str, Any]:
@@ -30,6 +33,9 @@ def boat_to_json(boat: BoatRecord) -> dict[str, Any]:
         "visibility": compact(boat.visibility),
         "keypoint_covariance_px2": compact(covariance[:, [0, 0, 1], [0, 1, 1]]),
         **{name: _range_to_json(estimate) for name, estimate in boat.ranges.items()},
+        "heading_deg": compact(math.degrees(boat.heading_rad)),
+        "heading_std_deg": compact(math.degrees(boat.heading_std_rad)),
+        "misfit": compact(boat.misfit),
     }
 
 
@@ -50,6 +56,7 @@ def _range_to_json(estimate: RangeRecord) -> dict[str, Any]:
         "bearing_deg": compact(math.degrees(estimate.bearing_rad)),
         "position_m": compact(estimate.position_m),
         "valid": estimate.valid,
+        "reason": estimate.reason.name.lower(),
     }
 
 
@@ -67,6 +74,9 @@ def boat_from_json(boat: dict[str, Any]) -> BoatRecord:
         keypoint_covariance_px2=covariance[:, [0, 1, 1, 2]].reshape(-1, 2, 2),
         visibility=_array(boat["visibility"]),
         ranges={name: _range_from_json(boat[name]) for name in ESTIMATORS},
+        heading_rad=math.radians(_number(boat["heading_deg"])),
+        heading_std_rad=math.radians(_number(boat["heading_std_deg"])),
+        misfit=_number(boat["misfit"]),
     )
 
 
@@ -78,6 +88,7 @@ def _range_from_json(estimate: dict[str, Any]) -> RangeRecord:
         bearing_rad=math.radians(estimate["bearing_deg"]),
         position_m=_array(estimate["position_m"]),
         valid=estimate["valid"],
+        reason=Reason[estimate["reason"].upper()],
     )
 
 
@@ -86,6 +97,11 @@ def compact(values: FloatArray | list[float] | float) -> Any:
     if isinstance(values, float):
         return float(f"{values:.7g}") if math.isfinite(values) else None
     return [compact(value) for value in (values.tolist() if isinstance(values, np.ndarray) else values)]
+
+
+def _number(value: float | None) -> float:
+    """Undo :func:`compact` for one number; None comes back as nan."""
+    return math.nan if value is None else float(value)
 
 
 def _array(values: Any) -> FloatArray:

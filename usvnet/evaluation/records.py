@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from usvnet.types import NEAREST_WATERLINE, Boats, Prediction, RangeEstimate
+from usvnet.types import NEAREST_WATERLINE, Boats, Prediction, RangeEstimate, Reason
 
 FloatArray = NDArray[np.float64]
 
@@ -36,6 +36,8 @@ class RangeRecord:
     position_m: FloatArray
     """(3,) in the level frame."""
     valid: bool
+    reason: Reason = Reason.OK
+    """Why there is no range, where there is none."""
 
     @property
     def usable(self) -> bool:
@@ -58,6 +60,11 @@ class BoatRecord:
     """(7,) probability that the keypoint is seen."""
     ranges: dict[str, RangeRecord]
     """By estimator name."""
+    heading_rad: float = math.nan
+    """The fitted hull's bow, clockwise from the optical axis; nan where no hull was fitted."""
+    heading_std_rad: float = math.nan
+    misfit: float = math.nan
+    """Chi-squared of that fit over its 99 % quantile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +101,8 @@ def to_records(prediction: Prediction, letterbox: Tensor | None = None) -> list[
     """
     boxes, scores, keypoints = _numpy(prediction.boxes_px), _numpy(prediction.scores), _numpy(prediction.keypoints_px)
     covariance, visibility = _numpy(prediction.keypoint_covariance_px2), _numpy(prediction.visibility)
+    heading, heading_std = _numpy(prediction.heading_rad), _numpy(prediction.heading_std_rad)
+    misfit = _numpy(prediction.misfit)
     ranges = {name: _range_arrays(getattr(prediction, name)) for name in ESTIMATORS}
     pictures = []
     for b, present in enumerate(prediction.present.cpu().numpy()):
@@ -107,6 +116,9 @@ def to_records(prediction: Prediction, letterbox: Tensor | None = None) -> list[
                     keypoint_covariance_px2=_map_covariance(covariance[b, n], inverse),
                     visibility=visibility[b, n],
                     ranges={name: _range_record(arrays, b, int(n)) for name, arrays in ranges.items()},
+                    heading_rad=float(heading[b, n]),
+                    heading_std_rad=float(heading_std[b, n]),
+                    misfit=float(misfit[b, n]),
                 )
                 for n in sorted(np.flatnonzero(present), key=lambda n: -scores[b, n])
             ]
@@ -204,4 +216,5 @@ def _range_record(arrays: dict[str, FloatArray], b: int, n: int) -> RangeRecord:
         bearing_rad=float(arrays["bearing_rad"][b, n]),
         position_m=arrays["position_m"][b, n],
         valid=bool(arrays["valid"][b, n]),
+        reason=Reason(int(arrays["reason"][b, n])),
     )

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from usvnet.data.records import Frame
-from usvnet.evaluation.records import BoatRecord
+from usvnet.evaluation.records import ESTIMATORS, BoatRecord
 from usvnet.geometry.camera import camera_to, stack_cameras
 from usvnet.geometry.hull_model import hull_to, stack_hulls
 from usvnet.geometry.ranging import RangingLayer
@@ -63,10 +63,9 @@ def native_cases(boats: Sequence[tuple[BoatRecord, Frame]]) -> Cases:
 
 def range_cases(cases: Cases, ranging: RangingLayer) -> dict[str, RangeEstimate]:
     """Every estimator's answer, each of shape (C,), by its name in :class:`usvnet.types.Prediction`."""
-    box_bottom, waterline = ranging(
-        cases.keypoints_px.unsqueeze(1), cases.covariance_px2.unsqueeze(1), cases.boxes_px.unsqueeze(1), cases.camera
-    )
-    named = {"box_bottom": box_bottom, "waterline": waterline}
+    keypoints_px, covariance_px2 = cases.keypoints_px.unsqueeze(1), cases.covariance_px2.unsqueeze(1)
+    ranges = ranging(keypoints_px, covariance_px2, cases.boxes_px.unsqueeze(1), cases.camera, cases.hull)
+    named = {name: getattr(ranges, name) for name in ESTIMATORS}
     return {name: RangeEstimate(*(field.squeeze(1) for field in estimate)) for name, estimate in named.items()}
 
 

@@ -9,7 +9,7 @@ from torch import Tensor
 from usvnet.evaluation.reranging import Cases
 from usvnet.geometry.camera import camera_to, project, stack_cameras
 from usvnet.geometry.hull_model import hull_to, stack_hulls
-from usvnet.geometry.ranging import level_rotation
+from usvnet.geometry.rays import level_rotation
 from usvnet.geometry.water import REFRACTION, effective_radius_m
 from usvnet.types import WATERLINE_KEYPOINTS, Camera, Hull
 

@@ -24,12 +24,11 @@ GENERIC_POINT_STD = 0.03
 """Share of the length by which a coordinate of an unknown boat strays; 0.017 among those eight, which are of a kind."""
 
 
-def generic_hull(batch: int = 1, dtype: torch.dtype = torch.float32, device: torch.device | None = None) -> Hull:
-    """The hull to use when none is known, ``batch`` times."""
-    shape = torch.tensor(GENERIC_SHAPE, dtype=dtype, device=device)
-    one = torch.ones(batch, dtype=dtype, device=device)
+def generic_hull(batch: int = 1) -> Hull:
+    """The hull to use when none is known, ``batch`` times; float32."""
+    one = torch.ones(batch)
     return Hull(
-        points_m=(GENERIC_LENGTH_M * shape).expand(batch, -1, -1),
+        points_m=(GENERIC_LENGTH_M * torch.tensor(GENERIC_SHAPE)).expand(batch, -1, -1),
         scale_std=GENERIC_SCALE_STD * one,
         point_std_m=GENERIC_POINT_STD * GENERIC_LENGTH_M * one,
     )

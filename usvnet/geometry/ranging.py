@@ -4,29 +4,17 @@ This is the paper's distance model (Wu et al., J. Mar. Sci. Eng. 2025, 13, 1172)
 distortion, curved water and an error bar. No matrix product is used, so autocast has nothing to lower.
 """
 
-from typing import NamedTuple, Tuple
-
 import torch
 from torch import Tensor, nn
 
-from usvnet.geometry.lens import apply_matrix, focal_px, undistort
-from usvnet.geometry.water import MIN_SINE, REFRACTION, meet_water
-from usvnet.types import WATERLINE_KEYPOINTS, Camera, RangeEstimate
-
-
-def level_rotation(pitch_rad: Tensor, roll_rad: Tensor) -> Tensor:
-    """Rotation (B, 3, 3) from camera to level frame, Rx(pitch) Rz(roll), of angles (B,)."""
-    cp, sp = torch.cos(pitch_rad), torch.sin(pitch_rad)
-    cr, sr = torch.cos(roll_rad), torch.sin(roll_rad)
-    zero = torch.zeros_like(cp)
-    return torch.stack(
-        [
-            torch.stack([cr, -sr, zero], -1),
-            torch.stack([cp * sr, cp * cr, sp], -1),
-            torch.stack([-sp * sr, -sp * cr, cp], -1),
-        ],
-        -2,
-    )
+from usvnet.geometry.hull_fit import chi_squared_limit, fit_hulls
+from usvnet.geometry.hull_model import generic_hull
+from usvnet.geometry.hull_range import estimate_hull, fuse, range_hull
+from usvnet.geometry.hull_sight import sight_hulls
+from usvnet.geometry.lens import Undistorted, apply_matrix, focal_px, undistort
+from usvnet.geometry.rays import trace_undistorted
+from usvnet.geometry.water import MIN_SINE, REFRACTION, effective_radius_m, meet_water
+from usvnet.types import WATERLINE_KEYPOINTS, Camera, Hull, RangeEstimate, Ranges, Reason
 
 
 def paper_range(
@@ -49,36 +37,6 @@ def paper_range(
     return torch.where(valid, slant, torch.full_like(slant, float("inf")))
 
 
-class LevelRays(NamedTuple):
-    """The rays of pixels in the level frame."""
-
-    direction: Tensor
-    """(B, P, 3) unit vectors; the optical axis where not valid."""
-    direction_by_xy: Tensor
-    """(B, P, 3, 2) derivative of the direction to the pixel's place on the plane z = 1, before undistortion."""
-    distorted_xy: Tensor
-    """(B, P, 2) that place."""
-    valid: Tensor
-    """(B, P) bool, False where the pixel has no ray."""
-
-
-def trace_pixels(points_px: Tensor, camera: Camera) -> LevelRays:
-    """Rays of pixels (B, P, 2) in the level frame, with their derivative."""
-    lens = undistort(points_px, camera)
-    ray = torch.cat([lens.xy, torch.ones_like(lens.xy[..., :1])], -1)
-    length = torch.sqrt((ray * ray).sum(-1, keepdim=True))
-    R = level_rotation(camera.pitch_rad, camera.roll_rad).unsqueeze(-3)
-    direction = apply_matrix(R, ray / length)
-    tangent = R[..., :2] - direction.unsqueeze(-1) * (ray / length)[..., None, :2]  # d direction / d xy, times length
-    by_xy = (tangent.unsqueeze(-1) * lens.inverse_jacobian.unsqueeze(-3)).sum(-2) / length.unsqueeze(-1)
-    return LevelRays(direction, by_xy, lens.distorted_xy, lens.valid)
-
-
-def level_rays(points_px: Tensor, camera: Camera) -> Tensor:
-    """Unit rays (B, P, 3) of pixels (B, P, 2) in the level frame; the optical axis for a pixel that has no ray."""
-    return trace_pixels(points_px, camera).direction
-
-
 class RangingLayer(nn.Module):
     """The geometry at the end of the network: no weights, differentiable, float32 or wider whatever comes in.
 
@@ -86,49 +44,92 @@ class RangingLayer(nn.Module):
         curved_water: follow the earth's curvature (worth 1 % of range at 500 m, seen from 1.5 m) or take it as flat.
         refraction: coefficient k of terrestrial refraction, used with curved water only.
         box_bottom_std_px: standard deviation of the bottom centre of a box, which brings none of its own.
+        boat_roll_std_rad: standard deviation of a boat's roll about upright.
+        boat_pitch_std_rad: standard deviation of a boat's pitch about its resting trim.
+
+    The buffer ``misfit_limit`` is the misfit (:class:`Ranges`) above which a hull's fit is refused.
     """
 
+    misfit_limit: Tensor
+    generic_points_m: Tensor
+    generic_scale_std: Tensor
+    generic_point_std_m: Tensor
+
     def __init__(
-        self, curved_water: bool = False, refraction: float = REFRACTION, box_bottom_std_px: float = 1.0
+        self,
+        curved_water: bool = False,
+        refraction: float = REFRACTION,
+        box_bottom_std_px: float = 1.0,
+        boat_roll_std_rad: float = 0.05,
+        boat_pitch_std_rad: float = 0.035,
     ) -> None:
         super().__init__()
         self.box_bottom_std_px = box_bottom_std_px
+        self.boat_roll_std_rad = boat_roll_std_rad
+        self.boat_pitch_std_rad = boat_pitch_std_rad
         self.bow_bottom, self.stern_bottom = WATERLINE_KEYPOINTS
         self.curved_water = curved_water
         self.refraction = refraction
+        self.curvature_per_m = 1 / effective_radius_m(refraction) if curved_water else 0.0
+        self.register_buffer("misfit_limit", torch.tensor(1.0), persistent=False)
+        for name, value in generic_hull()._asdict().items():
+            self.register_buffer(f"generic_{name}", value, persistent=False)
 
     def forward(
-        self, keypoints_px: Tensor, covariance_px2: Tensor, boxes_px: Tensor, camera: Camera
-    ) -> Tuple[RangeEstimate, RangeEstimate]:
-        """Both of the paper's estimators of N boats in B pictures.
+        self, keypoints_px: Tensor, covariance_px2: Tensor, boxes_px: Tensor, camera: Camera, hull: Hull | None = None
+    ) -> Ranges:
+        """All estimators of N boats in B pictures, side by side.
 
         Args:
             keypoints_px: (B, N, 7, 2) keypoints, in the order of ``KEYPOINT_NAMES``.
             covariance_px2: (B, N, 7, 2, 2) their covariances.
             boxes_px: (B, N, 4) boxes.
             camera: the camera of each picture, as the picture is.
-
-        Returns:
-            ``box_bottom`` (the baseline: bottom centre of the box) and ``waterline`` (the nearer of bow_bottom and
-            stern_bottom), each of shape (B, N).
+            hull: the shape of the boats in each picture; None takes a generic one of uncertain size.
         """
-        bottom = torch.stack([(boxes_px[..., 0] + boxes_px[..., 2]) / 2, boxes_px[..., 3]], -1)
-        isotropic = torch.eye(2, dtype=covariance_px2.dtype, device=covariance_px2.device) * self.box_bottom_std_px**2
-        points = torch.cat([bottom, keypoints_px[..., self.bow_bottom, :], keypoints_px[..., self.stern_bottom, :]], 1)
-        covariance = torch.cat(
-            [
-                isotropic.expand_as(covariance_px2[..., 0, :, :]),
-                covariance_px2[..., self.bow_bottom, :, :],
-                covariance_px2[..., self.stern_bottom, :, :],
-            ],
-            1,
-        )
-        everything = self.range_points(points, covariance, camera)
-        boats = boxes_px.shape[1]
-        bow = _slice(everything, boats, 2 * boats)
-        stern = _slice(everything, 2 * boats, 3 * boats)
-        return _slice(everything, 0, boats), _nearer(bow, stern)
+        dtype = torch.promote_types(torch.promote_types(keypoints_px.dtype, camera.K.dtype), torch.float32)
+        camera = _cast_camera(camera, dtype)
+        covariance_px2 = covariance_px2.to(dtype)
+        if hull is None:
+            batch = keypoints_px.shape[0]
+            scale_std, point_std_m = self.generic_scale_std.expand(batch), self.generic_point_std_m.expand(batch)
+            hull = Hull(self.generic_points_m.expand(batch, -1, -1), scale_std, point_std_m)
+        hull = Hull(hull.points_m.to(dtype), hull.scale_std.to(dtype), hull.point_std_m.to(dtype))
+        boats = keypoints_px.shape[1]
 
+        bottom_px = torch.stack([(boxes_px[..., 0] + boxes_px[..., 2]) / 2, boxes_px[..., 3]], -1)
+        isotropic = torch.eye(2, dtype=dtype, device=keypoints_px.device) * self.box_bottom_std_px**2
+        points_px = torch.cat([bottom_px.to(dtype), keypoints_px.flatten(1, 2).to(dtype)], 1)
+        covariance = torch.cat([isotropic.expand(len(points_px), boats, 2, 2), covariance_px2.flatten(1, 2)], 1)
+        lens = undistort(points_px, camera)
+        everything = self.range_rays(lens, covariance, camera)
+        bow = _slice(everything, boats + self.bow_bottom, 8 * boats, 7)
+        stern = _slice(everything, boats + self.stern_bottom, 8 * boats, 7)
+        waterline = _either(bow.slant_m <= stern.slant_m, bow, stern)
+
+        lens = Undistorted(
+            lens.xy[:, boats:], lens.distorted_xy[:, boats:], lens.inverse_jacobian[:, boats:], lens.valid[:, boats:]
+        )
+        roll_std_rad, pitch_std_rad = self.boat_roll_std_rad, self.boat_pitch_std_rad
+        sight = sight_hulls(lens, covariance_px2, camera, hull, roll_std_rad, pitch_std_rad, self.curvature_per_m)
+        fit = fit_hulls(sight)
+        misfit = fit.cost / chi_squared_limit(fit.degrees_of_freedom)
+        fitted = range_hull(fit, sight, self.curved_water, self.refraction)
+        by_hull = estimate_hull(fitted, fit.degrees_of_freedom > 0, misfit <= self.misfit_limit)
+        same_point = _either(fitted.keypoint == self.bow_bottom, bow, stern)
+        partner = _either(by_hull.valid, same_point, waterline)
+        heading = fit.state[..., 2]
+        return Ranges(
+            box_bottom=_slice(everything, 0, boats, 1),
+            waterline=waterline,
+            hull=by_hull,
+            fused=fuse(by_hull, partner, fitted),
+            heading_rad=torch.atan2(torch.sin(heading), torch.cos(heading)),
+            heading_std_rad=torch.sqrt(fit.covariance[..., 2, 2]),
+            misfit=misfit,
+        )
+
+    @torch.jit.export
     def range_points(self, points_px: Tensor, covariance_px2: Tensor, camera: Camera) -> RangeEstimate:
         """Range of points on the water (B, P, 2) with covariances (B, P, 2, 2), by B cameras: shape (B, P).
 
@@ -138,8 +139,12 @@ class RangingLayer(nn.Module):
         serves flat and curved water.
         """
         dtype = torch.promote_types(torch.promote_types(points_px.dtype, camera.K.dtype), torch.float32)
-        camera = _cast(camera, dtype)
-        rays = trace_pixels(points_px.to(dtype), camera)
+        camera = _cast_camera(camera, dtype)
+        return self.range_rays(undistort(points_px.to(dtype), camera), covariance_px2.to(dtype), camera)
+
+    def range_rays(self, lens: Undistorted, covariance_px2: Tensor, camera: Camera) -> RangeEstimate:
+        """The same for points whose lens is undone, everything in one dtype."""
+        rays = trace_undistorted(lens, camera)
         direction = rays.direction
         hit = meet_water(direction, camera.height_m.unsqueeze(-1), self.curved_water, self.refraction)
         valid = hit.valid & rays.valid
@@ -150,7 +155,7 @@ class RangingLayer(nn.Module):
         by_pitch = hit.slant_by_sine_m * direction[..., 2]
         by_roll = hit.slant_by_sine_m * direction[..., 0] * torch.cos(camera.pitch_rad).unsqueeze(-1)
         variance = (
-            (by_px * apply_matrix(covariance_px2.to(dtype), by_px)).sum(-1)
+            (by_px * apply_matrix(covariance_px2, by_px)).sum(-1)
             + (by_log_focal * (camera.focal_std_px / camera.K[..., 1, 1]).unsqueeze(-1)) ** 2
             + (by_pitch * camera.pitch_std_rad.unsqueeze(-1)) ** 2
             + (by_roll * camera.roll_std_rad.unsqueeze(-1)) ** 2
@@ -167,10 +172,13 @@ class RangingLayer(nn.Module):
             bearing_rad=torch.atan2(direction[..., 0], direction[..., 2]),
             position_m=torch.where(valid.unsqueeze(-1), position, torch.zeros_like(position)),
             valid=valid,
+            reason=torch.where(
+                valid, Reason.OK.value, torch.where(rays.valid, Reason.HORIZON.value, Reason.NO_RAY.value)
+            ),
         )
 
 
-def _cast(camera: Camera, dtype: torch.dtype) -> Camera:
+def _cast_camera(camera: Camera, dtype: torch.dtype) -> Camera:
     return Camera(
         K=camera.K.to(dtype),
         distortion=camera.distortion.to(dtype),
@@ -186,19 +194,19 @@ def _cast(camera: Camera, dtype: torch.dtype) -> Camera:
     )
 
 
-def _slice(estimate: RangeEstimate, start: int, stop: int) -> RangeEstimate:
+def _slice(estimate: RangeEstimate, start: int, stop: int, step: int) -> RangeEstimate:
     return RangeEstimate(
-        slant_m=estimate.slant_m[:, start:stop],
-        slant_std_m=estimate.slant_std_m[:, start:stop],
-        horizontal_m=estimate.horizontal_m[:, start:stop],
-        bearing_rad=estimate.bearing_rad[:, start:stop],
-        position_m=estimate.position_m[:, start:stop],
-        valid=estimate.valid[:, start:stop],
+        slant_m=estimate.slant_m[:, start:stop:step],
+        slant_std_m=estimate.slant_std_m[:, start:stop:step],
+        horizontal_m=estimate.horizontal_m[:, start:stop:step],
+        bearing_rad=estimate.bearing_rad[:, start:stop:step],
+        position_m=estimate.position_m[:, start:stop:step],
+        valid=estimate.valid[:, start:stop:step],
+        reason=estimate.reason[:, start:stop:step],
     )
 
 
-def _nearer(a: RangeEstimate, b: RangeEstimate) -> RangeEstimate:
-    first = a.slant_m <= b.slant_m
+def _either(first: Tensor, a: RangeEstimate, b: RangeEstimate) -> RangeEstimate:
     return RangeEstimate(
         slant_m=torch.where(first, a.slant_m, b.slant_m),
         slant_std_m=torch.where(first, a.slant_std_m, b.slant_std_m),
@@ -206,4 +214,5 @@ def _nearer(a: RangeEstimate, b: RangeEstimate) -> RangeEstimate:
         bearing_rad=torch.where(first, a.bearing_rad, b.bearing_rad),
         position_m=torch.where(first.unsqueeze(-1), a.position_m, b.position_m),
         valid=torch.where(first, a.valid, b.valid),
+        reason=torch.where(first, a.reason, b.reason),
     )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from usvnet.geometry.camera import project
 from usvnet.geometry.hull_files import load_hull
-from usvnet.geometry.ranging import level_rotation
+from usvnet.geometry.rays import level_rotation
 from usvnet.simulator.fleet_settings import HullSettings
 from usvnet.simulator.frame_spec import BoatSpec, HullSpec
 from usvnet.simulator.settings import BoatSettings

@@ -9,7 +9,7 @@ import torch
 from usvnet.geometry.camera import camera_to, make_camera
 from usvnet.geometry.camera_files import load_camera
 from usvnet.geometry.lens import undistort
-from usvnet.geometry.ranging import level_rotation
+from usvnet.geometry.rays import level_rotation
 from usvnet.simulator.fleet_settings import CameraSettings, LensSettings, MountSettings
 from usvnet.simulator.frame_spec import ShutterSpec
 from usvnet.simulator.typed_yaml import Range
