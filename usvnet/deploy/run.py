@@ -64,7 +64,7 @@ def predict_source(
     max_frames: int | None = None,
     watch: Callable[[Tally], None] = lambda tally: None,
 ) -> Tally:
-    """Predict every frame and write it; never more than ``batch_size`` frames are held.
+    """Predict every frame and write it; never more than two batches of frames are held.
 
     Args:
         source: gone through to its end, or until it is stopped.
