@@ -14,7 +14,7 @@ LEVELS = [
     {"geometry", "heatmap", "intervals"},
     {"network", "losses", "data", "simulator", "metrics"},
     {"model"},
-    {"checkpoints", "optimiser", "visualize"},
+    {"checkpoints", "optimiser", "pretrained", "visualize"},
     {"deploy", "evaluation"},
     {"callbacks"},
     {"training"},

@@ -19,6 +19,7 @@ COMMANDS = {
     "calibrate-mount": "find a camera's height, pitch and roll from points at known places",
     "check-data": "count a dataset and name every fault in it",
     "export": "write a trained model as TorchScript, for C++ or for Python without usvnet",
+    "import-weights": "start from weights that Ultralytics trained (YOLO11, YOLOv8, YOLOv8-P6)",
     "sensitivity": "say what an error of camera, keypoints or water costs in range",
     "predict": "find boats in pictures, a video, a webcam or a stream, and say how far away they are",
     "simulate": "render pictures of boats on water with exact labels",

@@ -1,0 +1,1 @@
+"""Networks that another program trained: their files read without running them, their weights put into ours."""
