@@ -22,6 +22,7 @@ def main() -> None:
     """Score a checkpoint on a split of the configuration's dataset."""
     # imported after run_program has begun, so that Ctrl-C while importing is handled too
     from usvnet.data.datamodule import BoatDataModule
+    from usvnet.evaluation.calibrator import calibrate_checkpoint
     from usvnet.evaluation.evaluator import evaluate_checkpoint
     from usvnet.training_cli import OneLineParser, quiet
 
@@ -33,12 +34,22 @@ def main() -> None:
     parser.add_argument("--output", type=str | None, default=None, help="folder of the results [beside the checkpoint]")
     parser.add_argument("--range_confidence", type=float, default=0.25, help="score a boat needs before it is ranged")
     parser.add_argument("--overwrite", action="store_true", help="predict anew, whatever the folder holds")
+    parser.add_argument(
+        "--calibrate_intervals", type=str | None, default=None, help="first calibrate the checkpoint on this split"
+    )
     parser.add_class_arguments(BoatDataModule, "data")
     for key in OF_TRAINING:
         parser.add_argument(f"--{key}", type=Any, help=SUPPRESS)
     settings = parser.parse_args()
     settings.data.augmentation = None  # also where the training split is scored
     data: BoatDataModule = parser.instantiate(settings).data
+    if settings.calibrate_intervals == settings.split:
+        raise ValueError(f"calibrate_intervals: got {settings.split}, the split that is scored, expected another one")
+    if settings.calibrate_intervals is not None:
+        calibrated_on = data.dataset(settings.calibrate_intervals)
+        calibrate_checkpoint(
+            settings.checkpoint, calibrated_on, settings.calibrate_intervals, data.batch_size, settings.range_confidence
+        )
     evaluate_checkpoint(
         settings.checkpoint,
         data.dataset(settings.split),

@@ -6,8 +6,9 @@ from usvnet.files import run_program
 
 
 def main() -> None:
-    """Train; then, where the configuration says so, score the best checkpoint on the test split and export it."""
+    """Train and calibrate the intervals; then, where the configuration says so, score the test split and export."""
     # imported after run_program has begun, so that Ctrl-C while importing is handled too
+    from usvnet.evaluation.calibrator import calibrate_checkpoint
     from usvnet.training_cli import TrainingCLI
 
     cli = TrainingCLI()
@@ -15,10 +16,11 @@ def main() -> None:
     if not cli.trainer.is_global_zero:
         return
     print(f"trained: {checkpoint}")
+    data = cli.datamodule
+    calibrate_checkpoint(checkpoint, data.dataset("val"), "val", data.batch_size)
     if cli.config.evaluate_after:
         from usvnet.evaluation.evaluator import evaluate_checkpoint
 
-        data = cli.datamodule
         evaluate_checkpoint(checkpoint, data.dataset("test"), "test", batch_size=data.batch_size, overwrite=True)
     if cli.config.export_after:
         from usvnet.commands.export import export

@@ -1,11 +1,13 @@
 """Checkpoints load strictly, safely, and say what is wrong in one sentence."""
 
 import hashlib
+import math
 
 import pytest
 import torch
 
-from usvnet.checkpoints import load_model, sha256
+from usvnet.checkpoints import load_model, sha256, write_intervals
+from usvnet.intervals import ESTIMATORS, UNCALIBRATED, IntervalFactors
 from usvnet.model import USVNet
 
 
@@ -89,3 +91,31 @@ def test_sha256_of_a_file(tmp_path):
     path = tmp_path / "weights"
     path.write_bytes(b"bow, stern")
     assert sha256(path) == hashlib.sha256(b"bow, stern").hexdigest()
+
+
+def test_interval_factors_travel_in_the_checkpoint(model, checkpoint, tmp_path):
+    path = save(checkpoint, tmp_path)
+    assert set(load_model(path).intervals.factors().values()) == {UNCALIBRATED}
+    factors = {"waterline": IntervalFactors(1.25, 1.5, 60)}
+    write_intervals(path, factors)
+    loaded = load_model(path)
+    assert loaded.intervals.factors() == dict.fromkeys(ESTIMATORS, UNCALIBRATED) | factors
+    assert loaded.state_dict().keys() == model.state_dict().keys()
+    for name, value in model.state_dict().items():
+        torch.testing.assert_close(loaded.state_dict()[name], value, rtol=0, atol=0)
+    write_intervals(path, {})
+    assert set(load_model(path).intervals.factors().values()) == {UNCALIBRATED}
+
+
+@pytest.mark.parametrize(
+    ("factors", "message"),
+    [
+        ({"sonar": [1.0, 1.0, 40]}, r"best\.ckpt: interval factors: unknown estimator 'sonar'"),
+        ({"waterline": [1.0, 0.0, 40]}, r"best\.ckpt: interval factors: waterline: expected numbers above 0"),
+        ({"waterline": [1.0, math.nan, 40]}, r"best\.ckpt: interval factors: waterline: expected numbers above 0"),
+    ],
+)
+def test_wrong_interval_factors_are_refused(checkpoint, factors, message, tmp_path):
+    checkpoint["usvnet"]["intervals"] = factors
+    with pytest.raises(ValueError, match=message):
+        load_model(save(checkpoint, tmp_path))

@@ -69,6 +69,8 @@ def test_pictures_that_the_network_cannot_take_are_refused(run, root, capsys, tm
         (["--data.root", "nowhere"], "nowhere"),
         (["--range_confidence", "25"], "range_confidence: got 25"),
         (["--config", "none.yaml"], "none.yaml"),
+        (["--calibrate_intervals", "test"], "the split that is scored"),
+        (["--calibrate_intervals", "holiday"], "no split 'holiday'"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(run, root, checkpoint, capsys, tmp_path, changes, message):

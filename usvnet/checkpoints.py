@@ -3,15 +3,19 @@
 import hashlib
 import pickle
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 
+from usvnet.files import atomic_write
+from usvnet.intervals import IntervalFactors
 from usvnet.model import USVNet
 
 STAMP = "usvnet"
-"""Key of what training writes beside the weights: variant, curved_water, and image_size (px, None where not known)."""
+"""Key of what training writes beside the weights: variant, curved_water, image_size (px, None where not known) and,
+once they are calibrated, intervals: factor_68, factor_90 and boats of each estimator (see :mod:`usvnet.intervals`)."""
 MODEL_PREFIX = "model."
 """Where the weights of :class:`USVNet` stand in the ``state_dict`` of :class:`usvnet.training.USVModule`."""
 
@@ -49,7 +53,7 @@ def check_variant(path: Path | str, checkpoint: dict[str, Any], variant: str) ->
 
 
 def load_model(path: Path | str, variant: str | None = None) -> USVNet:
-    """Build the network that a checkpoint belongs to, with its averaged weights, ready to predict.
+    """Build the network that a checkpoint belongs to, with its averaged weights and interval factors, ready to predict.
 
     Args:
         path: a checkpoint written by train.py.
@@ -60,7 +64,7 @@ def load_model(path: Path | str, variant: str | None = None) -> USVNet:
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: the file is not a checkpoint of usvnet, of another size, or its weights do not fit.
+        ValueError: the file is not a checkpoint of usvnet, of another size, or its weights or factors do not fit.
     """
     checkpoint = read_checkpoint(path)
     if variant is not None:
@@ -77,7 +81,24 @@ def load_model(path: Path | str, variant: str | None = None) -> USVNet:
     except RuntimeError as error:
         reason = str(error).splitlines()[1].strip() if "\n" in str(error) else str(error)
         raise ValueError(f"{path}: its weights do not fit a network of size {stamp['variant']!r}: {reason}") from error
+    try:
+        model.intervals.set_factors({name: IntervalFactors(*row) for name, row in stamp.get("intervals", {}).items()})
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path}: {error}") from error
     return model.eval()
+
+
+def write_intervals(path: Path | str, factors: Mapping[str, IntervalFactors]) -> None:
+    """Put interval factors in the place of a checkpoint's own, leaving everything else in it as it is.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: the file is not a checkpoint of usvnet.
+    """
+    checkpoint = read_checkpoint(path)
+    checkpoint[STAMP]["intervals"] = {name: list(found) for name, found in factors.items()}
+    with atomic_write(path) as temporary:
+        torch.save(checkpoint, temporary)
 
 
 def sha256(path: Path | str) -> str:

@@ -4,6 +4,7 @@ from torch import Tensor, nn
 
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.heatmap import decode
+from usvnet.intervals import IntervalScale
 from usvnet.network.nms import select_boats
 from usvnet.network.variants import build_network
 from usvnet.types import Camera, Hull, Prediction
@@ -39,6 +40,7 @@ class USVNet(nn.Module):
         self.iou_threshold = iou_threshold
         self.network = build_network(variant)
         self.ranging = RangingLayer(curved_water)
+        self.intervals = IntervalScale()
 
     def forward(self, image: Tensor, camera: Camera, hull: Hull | None = None) -> Prediction:
         """Find and range the boats.
@@ -63,10 +65,10 @@ class USVNet(nn.Module):
             keypoint_covariance_px2=covariance_px2,
             visibility=boats.visibility,
             present=boats.present,
-            box_bottom=ranges.box_bottom,
-            waterline=ranges.waterline,
-            hull=ranges.hull,
-            fused=ranges.fused,
+            box_bottom=self.intervals(ranges.box_bottom, 0),
+            waterline=self.intervals(ranges.waterline, 1),
+            hull=self.intervals(ranges.hull, 2),
+            fused=self.intervals(ranges.fused, 3),
             heading_rad=ranges.heading_rad,
             heading_std_rad=ranges.heading_std_rad,
             misfit=ranges.misfit,

@@ -1,3 +1,4 @@
+import copy
 import json
 
 import pytest
@@ -8,6 +9,7 @@ from torch.nn import functional
 from usvnet.deploy import export
 from usvnet.deploy.deployed import INPUTS, OUTPUTS, DeployedUSVNet
 from usvnet.deploy.parity import camera_std, check_parity, probe_camera
+from usvnet.intervals import ESTIMATORS, UNCALIBRATED, IntervalFactors
 from usvnet.model import USVNet
 
 
@@ -69,6 +71,25 @@ def test_the_file_says_what_the_model_says(model, exported):
     assert torch.equal(got["present"], expected.scores >= 0.6)
     assert got["present"].any()
     assert not got["present"].all()
+
+
+def test_the_file_applies_the_interval_factors_of_the_model(model, tmp_path):
+    calibrated = copy.deepcopy(model)
+    factors = {"box_bottom": IntervalFactors(1.5, 2.5, 60), "waterline": IntervalFactors(0.5, 0.7, 60)}
+    calibrated.intervals.set_factors(factors)
+    export.export_torchscript(calibrated, tmp_path / "model.ts")
+    got = answer(torch.jit.load(tmp_path / "model.ts"), 2, 128, 160)
+    image, camera, _ = inputs(2, 128, 160)
+    with torch.inference_mode():
+        raw, expected = model(image, camera), calibrated(image, camera)
+    for name in ESTIMATORS:
+        before, after = getattr(raw, name).slant_std_m, getattr(expected, name).slant_std_m
+        near = getattr(expected, name).slant_m < 10
+        assert near.any()
+        torch.testing.assert_close(got[f"{name}_slant_std_m"][near], after[near], atol=1e-3, rtol=1e-3)
+        torch.testing.assert_close(after[near], before[near] * factors.get(name, UNCALIBRATED).factor_90)
+    sidecar = json.loads((tmp_path / "model.json").read_text())
+    assert sidecar["model"]["interval_factors"]["box_bottom"] == {"factor_68": 1.5, "factor_90": 2.5, "boats": 60}
 
 
 def test_a_picture_of_any_size_is_taken_and_its_camera_stays(exported):

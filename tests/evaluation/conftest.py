@@ -9,6 +9,7 @@ from torch import Tensor
 from usvnet.data.dataset import BoatDataset
 from usvnet.data.records import Frame
 from usvnet.geometry.camera import make_camera
+from usvnet.intervals import ESTIMATORS
 from usvnet.model import USVNet
 from usvnet.types import Camera, Hull, Prediction
 
@@ -35,6 +36,7 @@ class Oracle(USVNet):
         boxes_px = torch.tensor(np.array([frame.boxes_px for frame in frames]), dtype=torch.float32)
         covariance_px2 = 0.25 * torch.eye(2).expand(len(frames), 1, 7, 2, 2)
         ranges = self.ranging(keypoints_px, covariance_px2, boxes_px, camera, hull)
+        calibrated = {name: self.intervals(getattr(ranges, name), n) for n, name in enumerate(ESTIMATORS)}
         return Prediction(
             boxes_px=boxes_px,
             scores=torch.tensor([[0.1 if index in self.missed else 0.9] for index in indices]),
@@ -42,7 +44,7 @@ class Oracle(USVNet):
             keypoint_covariance_px2=covariance_px2,
             visibility=torch.full((len(frames), 1, 7), 0.9),
             present=torch.ones(len(frames), 1, dtype=torch.bool),
-            **ranges._asdict(),
+            **(ranges._asdict() | calibrated),
         )
 
 

@@ -9,6 +9,9 @@ from usvnet.evaluation.evaluator import default_output, evaluate, prediction_met
 from .conftest import SIZE_PX, Oracle
 
 FILES = {
+    "floor.csv",
+    "intervals_by_distance.csv",
+    "intervals_by_scene.csv",
     "keypoints.csv",
     "metrics.json",
     "overlays",
@@ -16,6 +19,7 @@ FILES = {
     "predictions.jsonl",
     "range_by_distance.csv",
     "range_by_scene.csv",
+    "reliability.png",
     "report.md",
 }
 

@@ -92,39 +92,39 @@ def test_the_figures_of_the_textbook_camera():
 
 def test_a_height_that_is_wrong_is_a_range_that_is_wrong_by_the_same_share():
     one_point = [cost for cost in study().curves() if cost.estimator in ("box_bottom", WATERLINE)]
-    assert one_point
+    assert len(one_point) == 4
     for cost in one_point:
         assert cost.exact == pytest.approx(0.03 / 1.5, rel=1e-6)
         assert cost.first_order == pytest.approx(0.03 / 1.5, rel=1e-6)
 
 
 def test_monte_carlo_agrees_where_errors_are_small_and_tells_where_they_are_not():
-    costs = study(draws=2000).budget()
+    costs = study(draws=250).budget()
     near = {cost.source: cost for cost in costs if cost.distance_m == 10 and cost.estimator == WATERLINE}
     for cost in near.values():
-        assert cost.exact == pytest.approx(cost.first_order, rel=0.06)
+        assert cost.exact == pytest.approx(cost.first_order, rel=0.12)
         assert cost.no_range == 0
-    unsteady = Study(
-        SensitivitySettings({}, distances_m=(60.0,), draws=2000), camera(pitch_std_deg=2.0), generic_hull()
-    )
+    settings = SensitivitySettings({}, distances_m=(60.0,), headings_deg=(0.0,), draws=500)
+    unsteady = Study(settings, camera(pitch_std_deg=2.0), generic_hull())
     pitch = next(cost for cost in unsteady.budget() if cost.source == "pitch_deg" and cost.estimator == WATERLINE)
-    assert pitch.no_range == pytest.approx(0.24, abs=0.03)  # P(z > 1.43 degrees / 2)
+    assert pitch.no_range == pytest.approx(0.24, abs=0.07)  # P(z > 1.43 degrees / 2)
     assert pitch.exact == math.inf  # more than 15.9 % are above the horizon
 
 
 def test_the_set_of_boats_has_the_errors_it_was_given():
     noise = {"keypoint_std_px": 0.0, "bearing_deg": 0.0}
     settings = SensitivitySettings(
-        {"height_m": (0.0, 0.03), "wave_m": (0.03,)}, distances_m=(10.0, 20.0), headings_deg=(0.0,), draws=1000, **noise
+        {"height_m": (0.0, 0.03), "wave_m": (0.03,)}, distances_m=(10.0, 20.0), headings_deg=(0.0,), draws=300, **noise
     )
     perfect = camera()._replace(**{f"{name}": torch.zeros(1) for name in camera()._fields if "_std_" in name})
-    rows = {(row.source, row.amount): row for row in Study(settings, perfect, generic_hull()).table()}
+    table = Study(settings, perfect, generic_hull()).table()
+    rows = {(row.source, row.amount): row for row in table if row.estimator == WATERLINE}
     expected_m = 0.02 * math.sqrt((10**2 + 20**2) / 2)
     assert rows["height_m", 0.0].rmse_m == pytest.approx(0, abs=1e-9)
     assert rows["height_m", 0.03].rmse_m == pytest.approx(expected_m, rel=1e-5)
     assert rows["height_m", 0.03].mae_m == pytest.approx(0.3, rel=1e-5)
-    assert rows["wave_m", 0.03].rmse_m == pytest.approx(expected_m, rel=0.05)
-    assert rows["wave_m", 0.03].first_order_rmse_m == pytest.approx(expected_m, rel=0.05)
+    assert rows["wave_m", 0.03].rmse_m == pytest.approx(expected_m, rel=0.15)
+    assert rows["wave_m", 0.03].first_order_rmse_m == pytest.approx(expected_m, rel=0.15)
 
 
 @pytest.mark.parametrize(

@@ -85,6 +85,7 @@ def describe(
             "score_threshold": score_threshold,
             "iou_threshold": model.iou_threshold,
             "curved_water": model.ranging.curved_water,
+            "interval_factors": {name: found._asdict() for name, found in model.intervals.factors().items()},
         },
         "inputs": INPUTS,
         "outputs": OUTPUTS

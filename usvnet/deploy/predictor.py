@@ -16,8 +16,10 @@ from usvnet.deploy.deployed import fold_norms
 from usvnet.evaluation.records import ESTIMATORS, RANGE_CONFIDENCE, BoatRecord, to_records
 from usvnet.geometry.camera import camera_to, letterbox_camera, letterbox_matrix, scale_camera, stack_cameras
 from usvnet.geometry.camera_files import load_camera
+from usvnet.geometry.hull_files import load_hull
+from usvnet.geometry.hull_model import hull_to, stack_hulls
 from usvnet.model import USVNet
-from usvnet.types import Camera
+from usvnet.types import Camera, Hull
 
 Picture = NDArray[np.uint8]
 """(H, W, 3) RGB."""
@@ -37,6 +39,7 @@ class Predictor:
     Args:
         checkpoint: written by train.py, or a model in memory.
         camera: camera file with its mount, or a camera in memory (a batch of 1).
+        hull: hull file of the boats to expect, or a hull in memory (a batch of 1); None is a generic one.
         image_size: longer side of what the network sees, pixels; None is the size that it was trained on.
         confidence: lowest score of a boat.
         device: where to compute; None is the first GPU, or the processor where there is none.
@@ -50,6 +53,7 @@ class Predictor:
         self,
         checkpoint: Path | str | USVNet,
         camera: Path | str | Camera,
+        hull: Path | str | Hull | None = None,
         image_size: int | None = None,
         confidence: float = RANGE_CONFIDENCE,
         device: torch.device | str | None = None,
@@ -62,9 +66,11 @@ class Predictor:
             raise ValueError(f"image_size: got {self.image_size}, expected at least 32")
         self.camera_name = "camera" if isinstance(camera, Camera) else str(camera)
         self.camera = camera if isinstance(camera, Camera) else load_camera(camera)
+        self.hull = load_hull(hull) if isinstance(hull, Path | str) else hull
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
         model = copy.deepcopy(checkpoint) if isinstance(checkpoint, USVNet) else load_model(checkpoint)
         self.stride_px = model.network.largest_stride_px
+        self.factors = model.intervals.factors()
         self.model = _made_fast(model, confidence).to(self.device)
         self._cameras: dict[tuple[int, int], Camera] = {}
 
@@ -96,9 +102,10 @@ class Predictor:
         seen = np.stack([warp(picture, letterbox.numpy(), input_px) for picture in pictures])
         image = torch.from_numpy(seen).to(self.device).permute(0, 3, 1, 2).float().div_(255)  # channels_last already
         cameras = stack_cameras([letterbox_camera(camera, input_px)] * len(pictures))
+        hulls = None if self.hull is None else hull_to(stack_hulls([self.hull] * len(pictures)), self.device)
         with torch.inference_mode():
-            prediction = self.model(image, camera_to(cameras, self.device))
-        return to_records(prediction, letterbox.expand(len(pictures), 3, 3))
+            prediction = self.model(image, camera_to(cameras, self.device), hulls)
+        return to_records(prediction, letterbox.expand(len(pictures), 3, 3), self.factors)
 
     def native_camera(self, width: int, height: int) -> Camera:
         """The camera of pictures of this size.

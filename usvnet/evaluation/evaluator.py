@@ -1,5 +1,6 @@
 """The whole evaluation: predictions once, then scores, tables and pictures."""
 
+import dataclasses
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,11 +11,14 @@ from usvnet import __version__
 from usvnet.checkpoints import load_model, sha256
 from usvnet.data.dataset import BoatDataset
 from usvnet.data.records import Frame
+from usvnet.evaluation.floor import score_floor
 from usvnet.evaluation.overlay import write_overlays
 from usvnet.evaluation.predictions import Meta, predict_dataset, read_predictions
+from usvnet.evaluation.range_metrics import ranged_boats
 from usvnet.evaluation.records import RANGE_CONFIDENCE, TruthRecord
 from usvnet.evaluation.report import print_report, write_report
 from usvnet.evaluation.scores import Scores, score
+from usvnet.evaluation.uncertainty_report import draw_reliability
 from usvnet.model import USVNet
 from usvnet.network.variants import check_picture_size
 
@@ -100,8 +104,16 @@ def evaluate(
         raise ValueError(f"{path}: got other pictures than the {len(dataset.frames)} of the dataset: delete it")
     records = [picture.boats for picture in pictures]
     truths = [frame_truths(frame) for frame in dataset.frames]
-    scores = score(records, truths, range_confidence)
+    calibration_boats = {name: found.boats for name, found in model.intervals.factors().items()}
+    ranged = ranged_boats(records, truths, range_confidence)
+    scores = dataclasses.replace(
+        score(records, truths, range_confidence, calibration_boats),
+        floor=score_floor(ranged, dataset.frames, model.ranging.curved_water),
+    )
     sheets = write_overlays(dataset.frames, records, truths, output_dir / "overlays", range_confidence)
+    if ranged:
+        sheets = [output_dir / "reliability.png", *sheets]
+        draw_reliability(ranged, scores.intervals, sheets[0])
     write_report(scores, output_dir, _title(model), {"pictures": len(pictures), **meta}, sheets)
     return scores
 
@@ -122,6 +134,7 @@ def prediction_meta(model: USVNet, dataset: BoatDataset, split: str) -> Meta:
         "score_threshold": model.score_threshold,
         "iou_threshold": model.iou_threshold,
         "curved_water": model.ranging.curved_water,
+        "intervals": {name: list(found) for name, found in model.intervals.factors().items()},
         "image_size": list(dataset.size_px),
         "split": split,
         "frames_sha256": frames_sha256(dataset.frames),

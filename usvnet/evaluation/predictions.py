@@ -23,6 +23,7 @@ from usvnet.evaluation.records import BoatRecord, to_records
 from usvnet.files import atomic_write
 from usvnet.geometry.camera import camera_to
 from usvnet.geometry.hull_model import hull_to
+from usvnet.intervals import IntervalFactors
 from usvnet.model import USVNet
 
 Meta = dict[str, Any]
@@ -46,7 +47,7 @@ def predict_dataset(model: USVNet, dataset: BoatDataset, path: Path | str, meta:
         meta: what the predictions depend on.
         batch_size: pictures a batch.
     """
-    write_predictions(path, meta, _predict(model, dataset, batch_size))
+    write_predictions(path, meta, predict_pictures(model, dataset, batch_size))
 
 
 def write_predictions(path: Path | str, meta: Meta, pictures: Iterable[PicturePrediction]) -> None:
@@ -77,9 +78,12 @@ def read_predictions(path: Path | str, meta: Meta | None = None) -> list[Picture
                 content = json.loads(line)
                 if number == 1:
                     found = content["meta"]
+                    factors = {name: IntervalFactors(*row) for name, row in found.get("intervals", {}).items()}
                 else:
                     pictures.append(
-                        PicturePrediction(content["image"], [boat_from_json(boat) for boat in content["boats"]])
+                        PicturePrediction(
+                            content["image"], [boat_from_json(boat, factors) for boat in content["boats"]]
+                        )
                     )
             except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
                 raise ValueError(f"{path}:{number}: not a line of a predictions file ({error!r})") from error
@@ -113,7 +117,9 @@ def _check_meta(path: Path, found: Meta, expected: Meta) -> None:
             )
 
 
-def _predict(model: USVNet, dataset: BoatDataset, batch_size: int) -> Iterator[PicturePrediction]:
+def predict_pictures(model: USVNet, dataset: BoatDataset, batch_size: int = 16) -> Iterator[PicturePrediction]:
+    """Predict picture by picture, with a progress bar on stderr; arguments as in :func:`predict_dataset`."""
+    factors = model.intervals.factors()
     device = next(model.parameters()).device
     loader = DataLoader(dataset, batch_size=batch_size, collate_fn=collate)
     model.eval()
@@ -123,5 +129,5 @@ def _predict(model: USVNet, dataset: BoatDataset, batch_size: int) -> Iterator[P
             prediction = model(image, camera_to(batch.camera, device), hull_to(batch.hull, device))
         indices = batch.frame_index.tolist()
         letterbox = torch.stack([dataset.letterbox_matrix(index) for index in indices])
-        for index, boats in zip(indices, to_records(prediction, letterbox)):
+        for index, boats in zip(indices, to_records(prediction, letterbox, factors)):
             yield PicturePrediction(dataset.frames[index].name, boats)

@@ -16,14 +16,15 @@ from usvnet.evaluation.records import (
     ESTIMATORS,
     RANGE_CONFIDENCE,
     BoatRecord,
+    FloatArray,
+    RangeRecord,
     TruthRecord,
     match_boats,
 )
+from usvnet.intervals import Z_90 as Z_90
 
 SCENES = ("I", "II", "III", "IV", "V", "VI")
 DISTANCE_EDGES_M = (0.0, 5.0, 10.0, 15.0, 25.0, 50.0, math.inf)
-Z_68, Z_90 = 0.994457883, 1.644853627
-"""Half-widths of the central 68 % and 90 % of a Gaussian, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +87,21 @@ def score_range(
         ValueError: the two have different lengths.
     """
     ranged = ranged_boats(records, truths, confidence)
-    scenes = {boat.truth.scene for boat in ranged} - {None}
-    in_order = sorted(scenes, key=lambda scene: (SCENES.index(scene) if scene in SCENES else len(SCENES), str(scene)))
+    by_scene, by_distance = group_boats(ranged)
     return RangeScores(
         overall=_by_estimator(ranged),
-        by_scene=_grouped(ranged, [str(scene) for scene in in_order], lambda truth: str(truth.scene)),
-        by_distance=_grouped(ranged, DISTANCE_BINS, lambda truth: distance_bin(truth.range_m)),
+        by_scene={scene: _by_estimator(boats) for scene, boats in by_scene.items()},
+        by_distance={distance: _by_estimator(boats) for distance, boats in by_distance.items()},
+    )
+
+
+def group_boats(ranged: Sequence[RangedBoat]) -> tuple[dict[str, list[RangedBoat]], dict[str, list[RangedBoat]]]:
+    """Sort laser-ranged boats by scene, in the paper's order, and by distance bin, near to far; no empty groups."""
+    scenes = {boat.truth.scene for boat in ranged} - {None}
+    in_order = sorted(scenes, key=lambda scene: (SCENES.index(scene) if scene in SCENES else len(SCENES), str(scene)))
+    return (
+        _grouped(ranged, [str(scene) for scene in in_order], lambda truth: str(truth.scene)),
+        _grouped(ranged, DISTANCE_BINS, lambda truth: distance_bin(truth.range_m)),
     )
 
 
@@ -122,31 +132,38 @@ def distance_bin(range_m: float) -> str:
 
 def range_errors(ranged: Iterable[RangedBoat], estimator: str) -> RangeErrors:
     """Score one estimator on a set of laser-ranged boats."""
-    rows, missed = [], 0
-    for item in ranged:
-        estimate = None if item.boat is None else item.boat.ranges[estimator]
-        if estimate is None or not estimate.usable:
-            missed += 1
-        else:
-            rows.append((estimate.slant_m, estimate.slant_std_m, item.truth.range_m))
-    if not rows:
+    ranged = list(ranged)
+    error_m, estimates = usable_errors(ranged, estimator)
+    missed = len(ranged) - len(estimates)
+    if not estimates:
         return RangeErrors(0, missed, *[float("nan")] * 9)
-    slant_m, std_m, reading_m = np.array(rows).T
-    error_m = slant_m - reading_m
+    reading_m = np.array([estimate.slant_m for estimate in estimates]) - error_m
+    half_68_m = np.array([estimate.half_width_68_m for estimate in estimates])
+    half_90_m = np.array([estimate.half_width_90_m for estimate in estimates])
     mse_m2 = float(np.mean(error_m**2))
     return RangeErrors(
-        n=len(rows),
+        n=len(estimates),
         missed=missed,
         mse_m2=mse_m2,
         rmse_m=math.sqrt(mse_m2),
         mae_m=float(np.mean(np.abs(error_m))),
         median_relative_error=float(np.median(np.abs(error_m) / reading_m)),
         bias_m=float(np.mean(error_m)),
-        coverage_68=float(np.mean(np.abs(error_m) <= Z_68 * std_m)),
-        coverage_90=float(np.mean(np.abs(error_m) <= Z_90 * std_m)),
-        width_68_m=float(np.mean(2 * Z_68 * std_m)),
-        width_90_m=float(np.mean(2 * Z_90 * std_m)),
+        coverage_68=float(np.mean(np.abs(error_m) <= half_68_m)),
+        coverage_90=float(np.mean(np.abs(error_m) <= half_90_m)),
+        width_68_m=float(np.mean(2 * half_68_m)),
+        width_90_m=float(np.mean(2 * half_90_m)),
     )
+
+
+def usable_errors(ranged: Iterable[RangedBoat], estimator: str) -> tuple[FloatArray, list[RangeRecord]]:
+    """Errors (n,) in metres of the boats that have a range by an estimator, and those ranges."""
+    pairs = [
+        (estimate.slant_m - item.truth.range_m, estimate)
+        for item in ranged
+        if item.boat is not None and (estimate := item.boat.ranges[estimator]).usable
+    ]
+    return np.array([error_m for error_m, _ in pairs]), [estimate for _, estimate in pairs]
 
 
 def _bin_names() -> tuple[str, ...]:
@@ -163,6 +180,6 @@ def _by_estimator(ranged: Sequence[RangedBoat]) -> dict[str, RangeErrors]:
 
 def _grouped(
     ranged: Sequence[RangedBoat], groups: Iterable[str], group_of: Callable[[TruthRecord], str]
-) -> dict[str, dict[str, RangeErrors]]:
+) -> dict[str, list[RangedBoat]]:
     members = {group: [boat for boat in ranged if group_of(boat.truth) == group] for group in groups}
-    return {group: _by_estimator(boats) for group, boats in members.items() if boats}
+    return {group: boats for group, boats in members.items() if boats}

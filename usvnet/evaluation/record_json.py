@@ -4,22 +4,23 @@
 
     {"box_px": [x1, y1, x2, y2], "score": s, "keypoints_px": 7 x [u, v], "visibility": 7 x probability,
      "keypoint_covariance_px2": 7 x [uu, uv, vv],
-     "box_bottom": {"slant_m", "slant_std_m", "interval_90_m", "horizontal_m", "bearing_deg", "position_m", "valid",
-                    "reason"},
+     "box_bottom": {"slant_m", "slant_std_m", "raw_std_m", "interval_68_m", "interval_90_m",
+                    "horizontal_m", "bearing_deg", "position_m", "valid", "reason"},
      "waterline": {...}, "hull": {...}, "fused": {...},
      "heading_deg": h, "heading_std_deg": s, "misfit": m}
 
 Keypoints stand in the order of :data:`usvnet.types.KEYPOINT_NAMES`. What is not finite is null: a ray above the
-horizon has no range.
+horizon has no range. ``raw_std_m`` is the standard deviation before calibration (see :mod:`usvnet.intervals`).
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from usvnet.evaluation.range_metrics import Z_90
 from usvnet.evaluation.records import ESTIMATORS, BoatRecord, FloatArray, RangeRecord
+from usvnet.intervals import UNCALIBRATED, IntervalFactors
 from usvnet.types import Reason
 
 
@@ -39,11 +40,19 @@ def boat_to_json(boat: BoatRecord) -> dict[str, Any]:
     }
 
 
+def interval_68_m(estimate: RangeRecord) -> tuple[float, float]:
+    """Lower and upper end of the slant range's 68 % interval; infinite where there is no range."""
+    return _interval_m(estimate, estimate.half_width_68_m)
+
+
 def interval_90_m(estimate: RangeRecord) -> tuple[float, float]:
     """Lower and upper end of the slant range's 90 % interval; infinite where there is no range."""
+    return _interval_m(estimate, estimate.half_width_90_m)
+
+
+def _interval_m(estimate: RangeRecord, half_width_m: float) -> tuple[float, float]:
     if not estimate.usable:
         return math.inf, math.inf
-    half_width_m = Z_90 * estimate.slant_std_m
     return max(0.0, estimate.slant_m - half_width_m), estimate.slant_m + half_width_m
 
 
@@ -51,6 +60,8 @@ def _range_to_json(estimate: RangeRecord) -> dict[str, Any]:
     return {
         "slant_m": compact(estimate.slant_m),
         "slant_std_m": compact(estimate.slant_std_m),
+        "raw_std_m": compact(estimate.raw_std_m),
+        "interval_68_m": compact(list(interval_68_m(estimate))),
         "interval_90_m": compact(list(interval_90_m(estimate))),
         "horizontal_m": compact(estimate.horizontal_m),
         "bearing_deg": compact(math.degrees(estimate.bearing_rad)),
@@ -60,27 +71,31 @@ def _range_to_json(estimate: RangeRecord) -> dict[str, Any]:
     }
 
 
-def boat_from_json(boat: dict[str, Any]) -> BoatRecord:
+def boat_from_json(boat: dict[str, Any], factors: Mapping[str, IntervalFactors] | None = None) -> BoatRecord:
     """Undo :func:`boat_to_json`; keys that it does not write are left alone.
+
+    Args:
+        boat: as it was written.
+        factors: by estimator, those that the model applied; none where it was not calibrated.
 
     Raises:
         KeyError, TypeError, ValueError: it is not a boat's.
     """
-    covariance = _array(boat["keypoint_covariance_px2"])
+    covariance, known = _array(boat["keypoint_covariance_px2"]), factors or {}
     return BoatRecord(
         box_px=_array(boat["box_px"]),
         score=boat["score"],
         keypoints_px=_array(boat["keypoints_px"]),
         keypoint_covariance_px2=covariance[:, [0, 1, 1, 2]].reshape(-1, 2, 2),
         visibility=_array(boat["visibility"]),
-        ranges={name: _range_from_json(boat[name]) for name in ESTIMATORS},
+        ranges={name: _range_from_json(boat[name], known.get(name, UNCALIBRATED)) for name in ESTIMATORS},
         heading_rad=math.radians(_number(boat["heading_deg"])),
         heading_std_rad=math.radians(_number(boat["heading_std_deg"])),
         misfit=_number(boat["misfit"]),
     )
 
 
-def _range_from_json(estimate: dict[str, Any]) -> RangeRecord:
+def _range_from_json(estimate: dict[str, Any], factors: IntervalFactors) -> RangeRecord:
     return RangeRecord(
         slant_m=float(_array(estimate["slant_m"])),
         slant_std_m=float(_array(estimate["slant_std_m"])),
@@ -89,6 +104,7 @@ def _range_from_json(estimate: dict[str, Any]) -> RangeRecord:
         position_m=_array(estimate["position_m"]),
         valid=estimate["valid"],
         reason=Reason[estimate["reason"].upper()],
+        factors=factors,
     )
 
 

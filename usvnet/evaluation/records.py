@@ -6,20 +6,17 @@ of the native picture where a letterbox matrix is given.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from usvnet.intervals import ESTIMATORS, UNCALIBRATED, Z_68, Z_90, IntervalFactors
 from usvnet.types import NEAREST_WATERLINE, Boats, Prediction, RangeEstimate, Reason
 
 FloatArray = NDArray[np.float64]
-
-ESTIMATORS = tuple(name for name, hint in get_type_hints(Prediction).items() if hint is RangeEstimate)
-"""The range estimators in the order of :class:`usvnet.types.Prediction`; a new one there is scored here by itself."""
 
 RANGE_CONFIDENCE = 0.25
 """Score that a boat needs before it ranges a picture."""
@@ -38,6 +35,23 @@ class RangeRecord:
     valid: bool
     reason: Reason = Reason.OK
     """Why there is no range, where there is none."""
+    factors: IntervalFactors = UNCALIBRATED
+    """What calibration has made of the standard deviation (see :mod:`usvnet.intervals`)."""
+
+    @property
+    def raw_std_m(self) -> float:
+        """The standard deviation before calibration."""
+        return self.slant_std_m / self.factors.factor_90
+
+    @property
+    def half_width_68_m(self) -> float:
+        """The 68 % interval is ``slant_m`` plus or minus this."""
+        return Z_68 * self.factors.factor_68 * self.raw_std_m
+
+    @property
+    def half_width_90_m(self) -> float:
+        """The 90 % interval is ``slant_m`` plus or minus this."""
+        return Z_90 * self.slant_std_m
 
     @property
     def usable(self) -> bool:
@@ -87,7 +101,9 @@ class TruthRecord:
     """Scene tag such as ``"IV"``."""
 
 
-def to_records(prediction: Prediction, letterbox: Tensor | None = None) -> list[list[BoatRecord]]:
+def to_records(
+    prediction: Prediction, letterbox: Tensor | None = None, factors: Mapping[str, IntervalFactors] | None = None
+) -> list[list[BoatRecord]]:
     """Take a batch apart into its boats, best first.
 
     Args:
@@ -95,6 +111,7 @@ def to_records(prediction: Prediction, letterbox: Tensor | None = None) -> list[
         letterbox: (B, 3, 3) matrices that took native pixels to the batch's (positive scale and translation, as
             ``usvnet.geometry.camera.letterbox_matrix`` makes them); the records are then in native pixels. Ranges do
             not depend on it.
+        factors: by estimator, those that the model applied; none where it is not calibrated.
 
     Returns:
         B lists of boats; padding is left out.
@@ -104,6 +121,7 @@ def to_records(prediction: Prediction, letterbox: Tensor | None = None) -> list[
     heading, heading_std = _numpy(prediction.heading_rad), _numpy(prediction.heading_std_rad)
     misfit = _numpy(prediction.misfit)
     ranges = {name: _range_arrays(getattr(prediction, name)) for name in ESTIMATORS}
+    applied = {name: (factors or {}).get(name, UNCALIBRATED) for name in ESTIMATORS}
     pictures = []
     for b, present in enumerate(prediction.present.cpu().numpy()):
         inverse = _inverse(letterbox, b)
@@ -115,7 +133,7 @@ def to_records(prediction: Prediction, letterbox: Tensor | None = None) -> list[
                     keypoints_px=_map_points(keypoints[b, n], inverse),
                     keypoint_covariance_px2=_map_covariance(covariance[b, n], inverse),
                     visibility=visibility[b, n],
-                    ranges={name: _range_record(arrays, b, int(n)) for name, arrays in ranges.items()},
+                    ranges={name: _range_record(arrays, b, int(n), applied[name]) for name, arrays in ranges.items()},
                     heading_rad=float(heading[b, n]),
                     heading_std_rad=float(heading_std[b, n]),
                     misfit=float(misfit[b, n]),
@@ -208,7 +226,7 @@ def _range_arrays(estimate: RangeEstimate) -> dict[str, FloatArray]:
     return {name: _numpy(tensor) for name, tensor in estimate._asdict().items()}
 
 
-def _range_record(arrays: dict[str, FloatArray], b: int, n: int) -> RangeRecord:
+def _range_record(arrays: dict[str, FloatArray], b: int, n: int, factors: IntervalFactors) -> RangeRecord:
     return RangeRecord(
         slant_m=float(arrays["slant_m"][b, n]),
         slant_std_m=float(arrays["slant_std_m"][b, n]),
@@ -217,4 +235,5 @@ def _range_record(arrays: dict[str, FloatArray], b: int, n: int) -> RangeRecord:
         position_m=arrays["position_m"][b, n],
         valid=bool(arrays["valid"][b, n]),
         reason=Reason(int(arrays["reason"][b, n])),
+        factors=factors,
     )

@@ -12,6 +12,7 @@ from usvnet.evaluation.range_metrics import RangeErrors
 from usvnet.evaluation.records import ESTIMATORS
 from usvnet.evaluation.scores import Scores
 from usvnet.evaluation.tables import Cell, Column, Table
+from usvnet.evaluation.uncertainty_report import floor_csv, floor_table, interval_csv, interval_table
 from usvnet.files import atomic_write
 
 ALL = "all"
@@ -63,10 +64,9 @@ def range_table(scores: Scores) -> Table:
 
 
 def distance_table(scores: Scores) -> Table:
-    """Range errors and honesty of the uncertainty by distance."""
+    """Range errors by distance."""
     rows: list[list[Cell]] = [
-        [distance, estimator, e.n, e.missed, e.rmse_m, e.mae_m, e.median_relative_error, e.bias_m,
-         e.coverage_68, e.coverage_90, e.width_90_m]
+        [distance, estimator, e.n, e.missed, e.rmse_m, e.mae_m, e.median_relative_error, e.bias_m]
         for distance, estimator, e in _groups(scores.ranges.by_distance, scores.ranges.overall)
     ]  # fmt: skip
     return Table(
@@ -75,15 +75,11 @@ def distance_table(scores: Scores) -> Table:
             *(Column(name) for name in ("Distance", "Estimator", "n", "missed", "RMSE", "MAE")),
             Column("rel. error", digits=1, percent=True),
             Column("bias"),
-            Column("68 % hit", digits=0, percent=True),
-            Column("90 % hit", digits=0, percent=True),
-            Column("90 % width", digits=2),
         ],
         rows=rows,
         strong=_last_group(rows),
         rules=_group_ends(rows),
-        note="rel. error: median of |error| / reading; bias above 0: placed too far away; hit: readings inside the "
-        "estimate's interval; width: of that interval.",
+        note="rel. error: median of |error| / reading; bias above 0: placed too far away.",
     )
 
 
@@ -103,7 +99,7 @@ def keypoint_table(scores: Scores) -> Table:
 def write_report(
     scores: Scores, output_dir: Path | str, model: str, facts: Mapping[str, object], pictures: Sequence[Path] = ()
 ) -> None:
-    """Write report.md, metrics.json, pose.csv, keypoints.csv, range_by_scene.csv and range_by_distance.csv.
+    """Write report.md, metrics.json, pose.csv, keypoints.csv, range_by_*.csv, intervals_by_*.csv, floor.csv.
 
     Args:
         scores: what to write.
@@ -125,6 +121,9 @@ def write_report(
     tables[-1].write_csv(output_dir / "keypoints.csv")
     for name, groups in (("scene", scores.ranges.by_scene), ("distance", scores.ranges.by_distance)):
         _range_csv(name, groups, scores.ranges.overall).write_csv(output_dir / f"range_by_{name}.csv")
+        interval_csv(scores.intervals, name).write_csv(output_dir / f"intervals_by_{name}.csv")
+    if scores.floor is not None:
+        floor_csv(scores.floor).write_csv(output_dir / "floor.csv")
 
 
 def print_report(scores: Scores, model: str, console: Console | None = None) -> None:
@@ -137,7 +136,11 @@ def print_report(scores: Scores, model: str, console: Console | None = None) -> 
 
 def report_tables(scores: Scores, model: str) -> list[Table]:
     """All tables in the order of the report; the range tables only where a laser reading exists."""
-    ranged = [range_table(scores), distance_table(scores)] if scores.ranges.by_distance else []
+    ranged = []
+    if scores.ranges.by_distance:
+        ranged = [range_table(scores), distance_table(scores)]
+        ranged += [interval_table(scores.intervals, group) for group in ("scene", "distance")]
+        ranged += [] if scores.floor is None else [floor_table(scores.floor)]
     return [pose_table(scores, model), *ranged, keypoint_table(scores)]
 
 

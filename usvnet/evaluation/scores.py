@@ -3,10 +3,12 @@
 import dataclasses
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from usvnet.evaluation.floor import FloorScores
+from usvnet.evaluation.interval_metrics import IntervalScores, score_intervals
 from usvnet.evaluation.pose_metrics import (
     PAPER_SIGMA,
     STRICT_SIGMA,
@@ -15,7 +17,7 @@ from usvnet.evaluation.pose_metrics import (
     score_keypoints,
     score_pose,
 )
-from usvnet.evaluation.range_metrics import RangeScores, score_range
+from usvnet.evaluation.range_metrics import RangeScores, ranged_boats, score_range
 from usvnet.evaluation.records import RANGE_CONFIDENCE, BoatRecord, TruthRecord
 
 
@@ -32,6 +34,9 @@ class Scores:
     """At OKS sigma 0.025."""
     keypoints: KeypointScores
     ranges: RangeScores
+    intervals: IntervalScores
+    floor: FloorScores | None = None
+    """Best errors that the network's own pixel noise allows; None where it was not worked out."""
 
     def to_json(self) -> str:
         """Write as JSON; a figure that does not exist is null, never NaN."""
@@ -42,8 +47,15 @@ def score(
     records: Sequence[Sequence[BoatRecord]],
     truths: Sequence[Sequence[TruthRecord]],
     range_confidence: float = RANGE_CONFIDENCE,
+    calibration_boats: Mapping[str, int] | None = None,
 ) -> Scores:
     """Score predicted boats on labelled ones, picture by picture.
+
+    Args:
+        records: predicted boats of each picture.
+        truths: labelled boats of the same pictures.
+        range_confidence: score that a boat needs before it is ranged.
+        calibration_boats: laser-ranged boats that each estimator's intervals were calibrated on; none if they were not.
 
     Raises:
         ValueError: the two have different lengths.
@@ -55,6 +67,7 @@ def score(
         pose_strict=score_pose(records, truths, STRICT_SIGMA),
         keypoints=score_keypoints(records, truths, range_confidence),
         ranges=score_range(records, truths, range_confidence),
+        intervals=score_intervals(ranged_boats(records, truths, range_confidence), calibration_boats or {}),
     )
 
 

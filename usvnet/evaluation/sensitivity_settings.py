@@ -24,14 +24,14 @@ class SensitivitySettings(Bounded):
     """Hull file of the boat that is looked at; a generic one where there is none."""
     distances_m: tuple[float, ...] = (5.0, 10.0, 15.0, 20.0, 30.0, 50.0)
     """Slant ranges to the nearest waterline keypoint."""
-    headings_deg: tuple[float, ...] = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)
+    headings_deg: tuple[float, ...] = (0.0, 60.0, 120.0, 180.0)
     """Which way the boat points, 0 away from the camera; every figure is over all of them."""
     bearing_deg: Annotated[float, Bounds(-80, 80)] = 10.0
     """Where it is, right of the optical axis: roll costs nothing straight ahead."""
     keypoint_std_px: Annotated[float, Bounds(0, 100)] = 1.0
     """How well keypoints and boxes are found."""
     curved_water: bool = False
-    draws: Annotated[int, Bounds(10, 1_000_000)] = 200
+    draws: Annotated[int, Bounds(10, 1_000_000)] = 100
     """Of the Monte Carlo, for each distance and heading."""
     seed: Annotated[int, Bounds(0)] = 0
 
