@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from usvnet.heatmap import cell_to_px, decode, encode, gather_windows, px_to_cell
+from usvnet.heatmap import cell_to_px, decode, encode, find_peak, gather_windows, px_to_cell
 
 SIGMA, RADIUS = 1.0, 6
 
@@ -92,3 +92,33 @@ def test_scripted_equals_eager() -> None:
         decode(logits, coarse, 4, RADIUS, SIGMA), torch.jit.script(decode)(logits, coarse, 4, RADIUS, SIGMA)
     ):
         torch.testing.assert_close(ours, theirs)
+
+
+def test_a_coarse_keypoint_half_a_boat_off_finds_its_peak_on_a_map_that_is_flat_elsewhere() -> None:
+    torch.manual_seed(0)
+    keypoint = torch.tensor([[[[100.0, 60.0]]]])
+    logits = encode(keypoint[:, 0], 50, 50, 4, SIGMA).clamp(min=-12) + 0.1 * torch.randn(1, 1, 50, 50)
+    for coarse in (keypoint + torch.tensor([40.0, 0.0]), keypoint + torch.tensor([-30.0, 26.0])):
+        found, covariance = decode(logits, coarse, 4, RADIUS, SIGMA)
+        torch.testing.assert_close(found, keypoint, rtol=0, atol=0.5)
+        assert covariance.diagonal(dim1=-2, dim2=-1).max() < 4
+
+
+def test_two_boats_side_by_side_are_not_averaged() -> None:
+    """5 cells apart, both in either's window: each coarse keypoint takes the peak that is nearer to it."""
+    keypoints = torch.tensor([[[[80.0, 60.0]], [[100.0, 60.0]]]])
+    maps = torch.stack([encode(keypoints[:, n], 40, 40, 4, SIGMA) for n in range(2)])
+    cells = find_peak(
+        maps[0].logaddexp(maps[1]), px_to_cell(keypoints + torch.tensor([[[[-3.0, 2.0]], [[4.0, 0.0]]]]), 4), RADIUS
+    )
+    torch.testing.assert_close(cells.float(), px_to_cell(keypoints, 4), rtol=0, atol=0.51)
+
+
+def test_half_precision_maps_are_read_in_single() -> None:
+    keypoints = torch.tensor([[[[901.3, 702.9]]]])
+    logits = encode(keypoints[:, 0], 256, 256, 4, SIGMA).clamp(min=-12).bfloat16()
+    with torch.autocast("cpu", torch.bfloat16):
+        found, covariance = decode(logits, keypoints + 5, 4, RADIUS, SIGMA)
+    assert found.dtype == covariance.dtype == torch.float32
+    torch.testing.assert_close((found, covariance), decode(logits.float(), keypoints + 5, 4, RADIUS, SIGMA))
+    torch.testing.assert_close(found, keypoints, rtol=0, atol=0.1)

@@ -4,6 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from usvnet import heatmap
 from usvnet.config import LossWeights
 from usvnet.losses import Criterion, assign
 from usvnet.types import Boats, NetworkOutput
@@ -144,3 +145,20 @@ def test_a_bad_weight_is_named(value: float):
 def test_a_bad_setting_is_named(name: str):
     with pytest.raises(ValueError, match=name):
         Criterion(LossWeights(), **{name: 0})
+
+
+def test_a_false_peak_at_the_other_end_of_the_boat_is_taught_away():
+    """40 px from the bow, further than a window reads: where an exchanged coarse keypoint would look for it."""
+    boats = label([[[40.0, 60.0, 88.0, 76.0]]])
+    output = perfect(boats, 128)
+    bow = heatmap.px_to_cell(boats.keypoints_px[0, 0, 0], heatmap.HEATMAP_STRIDE).round().long()
+    false = bow + torch.tensor([10, 0])
+    logits = output.heatmap_logits.clone()
+    logits[0, 0, false[1], false[0]] = 0.0
+    logits.requires_grad_()
+    criterion = Criterion(LossWeights(**{**NOTHING, "heatmap": 1.0})).eval()
+    assignment = assign(output, boats)
+    valid = torch.ones_like(boats.present)
+    criterion(output._replace(heatmap_logits=logits), boats, assignment, boats.range_m, valid)["total"].backward()
+    assert logits.grad is not None
+    assert logits.grad[0, 0, false[1], false[0]] > 0.1 * logits.grad.abs().max()

@@ -99,7 +99,11 @@ class Criterion(nn.Module):
             ),
             "visibility": visibility_loss(output.visibility_logits[picture, anchor].float(), visibility),
             "heatmap": heatmap_loss(
-                output.heatmap_logits.float(), boats, self.heatmap_sigma_cells, self.heatmap_radius, jitter_cells
+                output.heatmap_logits.float(),
+                boats,
+                self.heatmap_sigma_cells,
+                heatmap.SEARCH_FACTOR * self.heatmap_radius,  # wherever decoding may look, other ends of the boat too
+                jitter_cells,
             ),
             "range": range_loss(slant_m.float(), slant_valid, boats)[0],
             "covariance": covariance_loss(

@@ -120,7 +120,8 @@ class PoseHead(nn.Module):
             [4 * self.bins.shape[0], self.num_classes, 3 * self.num_keypoints], dim=2
         )
         box_logits = box_logits.reshape(b, a, 4, self.bins.shape[0])
-        distance_px = (box_logits.softmax(-1) @ self.bins.float()) * strides_px[:, None]
+        # not a matrix product: autocast would compute it in half precision
+        distance_px = (box_logits.softmax(-1) * self.bins.float()).sum(-1) * strides_px[:, None]
         keypoint = keypoint.reshape(b, a, self.num_keypoints, 3)
         # Offsets count in double strides from the cell's upper left corner, half a stride before its centre.
         offset_px = (2 * keypoint[..., :2] - 0.5) * strides_px[:, None, None]
