@@ -108,6 +108,18 @@ def test_the_chart_shows_left_as_left_and_far_as_far():
     assert left_columns.mean() < near_columns.mean() - 10
 
 
+def test_a_boat_of_known_heading_points_along_it():
+    def bow(heading_rad):
+        boat = dataclasses.replace(at(21.0), heading_rad=heading_rad, heading_std_rad=0.05)
+        rows, columns = yellow(chart_of([boat], 4)[0])
+        return rows, columns
+
+    (ahead_rows, ahead_columns), (right_rows, right_columns) = bow(0.0), bow(math.pi / 2)
+    assert np.ptp(ahead_rows) > np.ptp(ahead_columns) + 10
+    assert np.ptp(right_columns) > np.ptp(right_rows) + 10
+    assert right_columns.max() - ahead_columns.max() > 10  # the bow is longer than the stern
+
+
 def test_a_wider_interval_is_a_longer_ellipse_along_the_line_of_sight():
     def height(std_m):
         rows, columns = yellow(chart_of([at(60.0, std_m=std_m)], 3)[0])

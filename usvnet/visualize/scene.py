@@ -6,12 +6,18 @@ from collections.abc import Sequence
 from usvnet.evaluation.record_json import interval_90_m
 from usvnet.evaluation.records import BoatRecord
 from usvnet.geometry.camera import scale_camera
-from usvnet.types import Camera
+from usvnet.types import Camera, Reason
 from usvnet.visualize.boats import enlarged, moved, paint_boats
 from usvnet.visualize.canvas import GREY, INK, PLUS_MINUS, Picture, Rectangle, rounded, text, text_size, translucent
 from usvnet.visualize.horizon import draw_horizon
 from usvnet.visualize.records import draw_boat
 from usvnet.visualize.topdown import TopDownChart
+
+WHY_NOT = {
+    Reason.HORIZON: "at the horizon or above",
+    Reason.MISFIT: "does not fit the hull",
+    Reason.NO_RAY: "beyond the lens",
+}
 
 
 class SceneDrawer:
@@ -55,7 +61,7 @@ class SceneDrawer:
         """Say a boat's range: ``("23.4 m +- 0.5", "90 %: 22.6 to 24.2 m")``."""
         estimate = boat.ranges[self.estimator]
         if not estimate.usable:
-            return ("no range", f"score {boat.score:.2f}")
+            return ("no range", WHY_NOT.get(estimate.reason, f"score {boat.score:.2f}"))
         std_m = estimate.slant_std_m
         decimals = 1 if not 0 < std_m < math.inf else min(2, max(0, 1 - math.floor(math.log10(std_m))))
         low_m, high_m = interval_90_m(estimate)

@@ -34,6 +34,10 @@ RINGS = 4
 """Rings at least."""
 LABEL_SCALE = 0.36
 GAP = 14.0
+HULL = np.array([[0.0, 8.0], [2.8, 3.0], [3.0, -6.0], [-3.0, -6.0], [-2.8, 3.0]])
+"""A small boat seen from above: to starboard and ahead."""
+KNOWN_HEADING_RAD = 0.35
+"""A heading of a larger standard deviation is not shown."""
 CORNERS = ((1, 1), (0, 1), (1, 0), (0, 0))
 """Right and bottom first: boats are seldom there."""
 
@@ -91,7 +95,7 @@ class TopDownChart:
             end = _arc(eye, distance_m * px_per_m, left_rad, right_rad)[-1] + np.array([4.0, 4.0]) * unit
             text(canvas, words, (round(end[0]), round(end[1])), LABEL_SCALE * unit, GREY)
         for estimate, boat in sorted(ranges, key=lambda pair: -pair[0].horizontal_m):
-            self._draw_boat(canvas, estimate, _lateral_std_rad(boat, camera), eye, px_per_m, unit)
+            self._draw_boat(canvas, estimate, boat, camera, eye, px_per_m, unit)
         nose, side = np.array([0, -7.0]) * unit, np.array([4.5, 4.0]) * unit
         fill(canvas, np.array([eye + nose, eye + side, eye + side * (-1, 1)]), WHITE)
         return place
@@ -112,21 +116,26 @@ class TopDownChart:
         self,
         canvas: Picture,
         estimate: RangeRecord,
-        lateral_std_rad: float,
+        boat: BoatRecord,
+        camera: Camera,
         eye: FloatArray,
         px_per_m: float,
         unit: float,
     ) -> None:
-        """A dot with the ellipse that reaches to both ends of the range's 90 % interval."""
+        """A dot, or a hull where its heading is known, and the ellipse that spans the range's 90 % interval."""
         away = np.array([math.sin(estimate.bearing_rad), -math.cos(estimate.bearing_rad)])
         across = np.array([-away[1], away[0]])
         length_px = max(Z_90 * min(estimate.slant_std_m, self.reach_m) * px_per_m, 3.0 * unit)
-        width_px = max(Z_90 * lateral_std_rad * estimate.horizontal_m * px_per_m, 3.0 * unit)
+        width_px = max(Z_90 * _lateral_std_rad(boat, camera) * estimate.horizontal_m * px_per_m, 3.0 * unit)
         covariance = length_px**2 * np.outer(away, away) + width_px**2 * np.outer(across, across)
         place = eye + min(estimate.horizontal_m, self.reach_m) * px_per_m * away
         ellipse(canvas, place, covariance, YELLOW, max(1, round(unit)))
-        disc(canvas, place, 3.8 * unit, INK)
-        disc(canvas, place, 2.8 * unit, YELLOW)
+        if boat.heading_std_rad < KNOWN_HEADING_RAD:
+            for colour, size in ((INK, 1.3), (YELLOW, 1.0)):
+                fill(canvas, place + size * unit * _turned(HULL, boat.heading_rad), colour)
+        else:
+            disc(canvas, place, 3.8 * unit, INK)
+            disc(canvas, place, 2.8 * unit, YELLOW)
 
 
 def field_of_view_rad(camera: Camera) -> tuple[float, float]:
@@ -164,3 +173,10 @@ def _corner(canvas: Picture, wide: float, high: float, unit: float, taken: Seque
 def _arc(eye: FloatArray, radius_px: float, left_rad: float, right_rad: float) -> FloatArray:
     angle = np.linspace(left_rad, right_rad, 33)
     return eye + radius_px * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+
+
+def _turned(outline: FloatArray, heading_rad: float) -> FloatArray:
+    """Points (N, 2), to starboard and ahead, as they lie on the chart of a boat with that heading."""
+    ahead = np.array([math.sin(heading_rad), -math.cos(heading_rad)])
+    starboard = np.array([-ahead[1], ahead[0]])
+    return outline @ np.stack([starboard, ahead])
