@@ -11,6 +11,8 @@ from usvnet.deploy.predictor import Predictor, best_estimator, check_estimator, 
 from usvnet.evaluation.records import ESTIMATORS, to_records
 from usvnet.geometry.camera import letterbox_camera, letterbox_matrix, make_camera, scale_camera
 from usvnet.geometry.camera_files import save_camera
+from usvnet.geometry.hull_files import save_hull
+from usvnet.geometry.hull_model import generic_hull
 
 WIDTH, HEIGHT = 200, 120
 SIZE_PX = 96
@@ -79,11 +81,25 @@ def test_files_and_objects_are_the_same_and_confidence_counts(untrained, camera,
     save_camera(camera, tmp_path / "camera.yaml")
     model = load_model(untrained)
     before = {name: tensor.clone() for name, tensor in model.state_dict().items()}
-    fewer = Predictor(model, tmp_path / "camera.yaml", SIZE_PX, (scores[1] + scores[2]) / 2)(picture)
+    fewer = Predictor(model, tmp_path / "camera.yaml", None, SIZE_PX, (scores[1] + scores[2]) / 2)(picture)
     assert len(fewer) == 2
     for boat, same in zip(fewer, boats):
         np.testing.assert_allclose(boat.keypoints_px, same.keypoints_px, atol=1e-3)
     assert all(torch.equal(before[name], tensor) for name, tensor in model.state_dict().items())
+
+
+def test_a_hull_is_used_by_the_estimators_that_know_hulls(untrained, camera, tmp_path, picture, monkeypatch):
+    monkeypatch.setattr(room, "_made_fast", lambda model, confidence: model)
+    small, large = generic_hull(), generic_hull()
+    exact = torch.tensor([0.001])
+    save_hull(small._replace(scale_std=exact), tmp_path / "hull.yaml")
+    fitted = [
+        Predictor(untrained, camera, hull, SIZE_PX, 0.0)(picture)
+        for hull in (tmp_path / "hull.yaml", large._replace(points_m=5 * large.points_m, scale_std=exact))
+    ]
+    assert any(one.ranges["hull"].slant_m != other.ranges["hull"].slant_m for one, other in zip(*fitted))
+    for one, other in zip(*fitted, strict=True):
+        assert one.ranges["waterline"].slant_m == other.ranges["waterline"].slant_m
 
 
 def test_the_size_that_it_was_trained_on_is_the_default(tmp_path, untrained, camera, monkeypatch):

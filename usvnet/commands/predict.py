@@ -25,6 +25,7 @@ def predict(
     *,
     camera: Path,
     checkpoint: Path | None = None,
+    hull: Path | None = None,
     output: Path = Path("predictions"),
     estimator: str | None = None,
     image_size: int | None = None,
@@ -46,6 +47,7 @@ def predict(
         source: Picture, folder, glob (quote it), video, number of a webcam, or rtsp:// or http:// address.
         camera: Camera file of usvnet calibrate, with the mount; scaled where pictures have another size but its shape.
         checkpoint: Weights written by train.py; the ones that come with usvnet where none is named.
+        hull: Hull file of the boats to expect, for the estimators hull and fused; a generic one where none is named.
         output: Folder of the results.
         estimator: The range to draw and to count; the best there is where none is named.
         image_size: Longer side of what the network sees, pixels; the size it was trained on where none is named.
@@ -68,7 +70,7 @@ def predict(
         if number is not None and number < 1:
             raise ValueError(f"{name}: got {number}, expected at least 1")
     checkpoint = checkpoint or default_checkpoint()
-    predictor = Predictor(checkpoint, camera, image_size, confidence, device)
+    predictor = Predictor(checkpoint, camera, hull, image_size, confidence, device)
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     frames = open_source(source, console.print, every)
     meta = {
@@ -80,6 +82,7 @@ def predict(
         "camera_sha256": sha256(camera),
         "checkpoint": str(checkpoint),
         "checkpoint_sha256": sha256(checkpoint),
+        "hull": None if hull is None else str(hull),
         "image_size": predictor.image_size,
         "confidence": confidence,
         "estimator": estimator,
