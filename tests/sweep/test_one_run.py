@@ -10,23 +10,18 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
+from small_sample import write_small_sample
 
 from usvnet.sweep.one_run import prepare_resume
 
-KEEP = {"train": 16, "val": 4, "test": 4}
 SAME = ("runs.csv", "table_2.csv")
 
 
 @pytest.fixture(scope="module")
 def config(root, tmp_path_factory):
     """Two runs of three epochs on a few pictures of the sample set."""
-    folder, sample = tmp_path_factory.mktemp("tiny"), root / "data" / "sample"
-    for name in ("cameras", "labels", "data.yaml", "frames.csv", "hulls"):
-        (folder / name).symlink_to(sample / name)
-    for split, count in KEEP.items():
-        (folder / "images" / split).mkdir(parents=True)
-        for picture in sorted((sample / "images" / split).iterdir())[:count]:
-            (folder / "images" / split / picture.name).symlink_to(picture)
+    folder = tmp_path_factory.mktemp("tiny")
+    write_small_sample(root / "data" / "sample", folder, {"train": 16, "val": 4, "test": 4})
     settings = {
         "data.root": str(folder),
         "data.image_size": 64,
@@ -47,22 +42,30 @@ def start(config: Path, out: Path) -> subprocess.Popen:
     return subprocess.Popen(command, stdout=subprocess.DEVNULL)
 
 
+def epochs_done(out: Path) -> int:
+    return sum(json.loads(path.read_text())["epochs_done"] for path in out.glob("*/progress.json"))
+
+
+def kill_at_random(sweep: subprocess.Popen, out: Path, rng: random.Random) -> bool:
+    """Kill a sweep some moment after it has finished an epoch; False where it ends before."""
+    before, delay_s = epochs_done(out), rng.uniform(0, 4)
+    while sweep.poll() is None:
+        if epochs_done(out) > before:
+            time.sleep(delay_s)
+            sweep.kill()
+            return sweep.wait() != 0
+        time.sleep(0.02)
+    assert sweep.returncode == 0
+    return False
+
+
 @pytest.mark.slow
 def test_killed_at_random_it_ends_with_the_same_files(config, tmp_path):
     straight, stopped = tmp_path / "straight", tmp_path / "stopped"
     assert start(config, straight).wait(300) == 0
     rng, kills = random.Random(4), 0
-    while True:
-        sweep = start(config, stopped)
-        try:
-            code = sweep.wait(rng.uniform(6, 16) if kills < 6 else 300)
-        except subprocess.TimeoutExpired:
-            sweep.kill()
-            sweep.wait()
-            kills += 1
-        else:
-            assert code == 0
-            break
+    while kill_at_random(start(config, stopped), stopped, rng):
+        kills += 1
     assert kills >= 2
     for name in SAME:
         assert (stopped / name).read_text() == (straight / name).read_text()
@@ -82,13 +85,12 @@ def test_a_killed_sweep_leaves_no_process_behind(config, tmp_path):
     out = tmp_path / "out"
     sweep = start(config, out)
     progress = out / "n_3-epochs_seed-0" / "progress.json"
-    for _ in range(600):
-        if progress.is_file():
-            break
+    while not progress.is_file():
+        assert sweep.poll() is None
         time.sleep(0.1)
     sweep.kill()
     sweep.wait()
-    time.sleep(3)
+    time.sleep(3)  # for what it had begun to write
     before = sorted(out.rglob("*")), progress.read_text()
     time.sleep(5)
     assert (sorted(out.rglob("*")), progress.read_text()) == before

@@ -23,7 +23,6 @@ def config(root, tmp_path):
 def test_every_run_is_a_trial_and_failures_are_named(root, config, tmp_path, monkeypatch):
     pytest.importorskip("ray", reason="the extra `ray` is not installed")
     fake = str(root / "tests" / "sweep" / "fake_run.py")
-    monkeypatch.setenv("USVNET_SWEEP_RUN", fake)
     monkeypatch.setattr(local, "COMMAND", (fake,))
     sweep(config=config, out=str(tmp_path / "out"), ray=True)
     assert [row["seed"] for row in csv.DictReader((tmp_path / "out" / "runs.csv").open())] == ["0", "1"]
