@@ -11,8 +11,8 @@ from usvnet.pretrained.importer import import_weights as read_weights
 from usvnet.types import KEYPOINT_NAMES, NUM_KEYPOINTS
 
 LICENCE_NOTE = (
-    "licence: Ultralytics publishes its program and its weights under AGPL-3.0, which is not usvnet's licence: see to it "
-    "before you pass on {output} or a network trained from it"
+    "licence: Ultralytics publishes its program and its weights under AGPL-3.0, which is not usvnet's licence: see to "
+    "it before you pass on {output} or a network trained from it"
 )
 
 

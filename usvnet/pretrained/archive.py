@@ -14,6 +14,9 @@ from torch import Tensor
 
 from usvnet.pretrained.pickle_reader import MAX_BYTES, StoredTensor
 
+DAMAGE = (zipfile.BadZipFile, EOFError, NotImplementedError, OSError, UnicodeError)
+"""What :mod:`zipfile` raises on bytes that are no archive."""
+
 
 class TorchArchive:
     """A file of ``torch.save``, open for reading: one folder with data.pkl and the storages ``data/0``, ``data/1``, ...
@@ -31,7 +34,7 @@ class TorchArchive:
             self._refuse("is not a zip archive")
         try:
             self._zip = zipfile.ZipFile(path)
-        except zipfile.BadZipFile as error:
+        except DAMAGE as error:
             raise ValueError(f"{path}: damaged zip archive: {error}") from error
         try:
             self._entries = self._checked_entries()
@@ -96,7 +99,7 @@ class TorchArchive:
     def _read(self, name: str) -> bytes:
         try:
             return self._zip.read(self._entries[name])
-        except (zipfile.BadZipFile, EOFError, NotImplementedError) as error:
+        except DAMAGE as error:
             raise ValueError(f"{self.path}: damaged zip archive: {error}") from error
 
     def _refuse(self, what: str) -> NoReturn:
