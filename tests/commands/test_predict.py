@@ -142,6 +142,36 @@ def test_a_camera_of_another_size_is_scaled_and_says_so(predict, folder, capsys)
     assert "camera.yaml: scaled from 96 x 64 to pictures of 144 x 96" in capsys.readouterr().out
 
 
+def test_an_imu_turns_the_camera_of_every_frame_at_its_time(predict, video, folder, tmp_path, capsys):
+    log = tmp_path / "imu.csv"
+    log.write_text("time_s,pitch_deg,roll_deg\n10.0,10,1\n10.2,12,3\n")
+    settings = ["--imu", str(log), "--imu-offset-s", "10", "--save", "none"]
+    frames = results(predict(video, *settings))[1]
+    mount = pytest.approx((np.degrees(0.3), 0.0), rel=1e-5)
+    angles = [(frame["pitch_deg"], frame["roll_deg"]) for frame in frames]
+    assert angles[:3] == [pytest.approx(pair, rel=1e-5) for pair in ((10, 1), (11, 2), (12, 3))]
+    assert angles[3:] == [mount] * 3
+    assert "imu read 3, imu silent 3" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="imu: pictures have no time"):
+        predict(folder, *settings)
+
+
+def test_the_horizon_turns_the_camera_where_it_is_seen(predict, folder, tmp_path, camera, capsys):
+    K = [[400.0, 0, 319.5], [0, 400.0, 239.5], [0, 0, 1]]
+    std = np.radians(1.0)
+    mount = {"height_m": 1.5, "pitch_rad": 0.1, "pitch_std_rad": std, "roll_std_rad": std}
+    save_camera(make_camera(K, (640, 480), **mount), camera)
+    sea = np.full((480, 640, 3), (200, 180, 160), np.uint8)
+    sea[210:] = (90, 70, 60)
+    noise = np.random.default_rng(0).normal(0, 2, sea.shape)
+    for number in range(4):
+        cv2.imwrite(str(folder / f"{number}.png"), np.clip(sea + noise, 0, 255).astype(np.uint8))
+    (frame, *_) = results(predict(folder, "--attitude", "horizon", "--save", "none"))[1]
+    seen_deg = np.degrees(np.arctan((239.5 - 209.5) / 400)) + 0.037  # and the dip of the horizon, from 1.5 m
+    assert frame["pitch_deg"] == pytest.approx(seen_deg, abs=0.02)
+    assert "horizon seen 4" in capsys.readouterr().out
+
+
 def test_ctrl_c_leaves_whole_files(predict, video, tmp_path, monkeypatch):
     count = command.Tally.count
 

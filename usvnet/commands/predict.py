@@ -9,7 +9,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from usvnet import __version__
 from usvnet.checkpoints import sha256
+from usvnet.data.attitudes import AttitudeConfig
 from usvnet.deploy.annotated import annotated_pictures, annotated_video
+from usvnet.deploy.attitudes import FrameAttitudes
 from usvnet.deploy.outputs import Outputs, Writer, boat_table, json_lines
 from usvnet.deploy.predictor import Predictor, best_estimator, check_estimator, default_checkpoint
 from usvnet.deploy.run import Tally, predict_source, stopped_by_signals
@@ -26,6 +28,9 @@ def predict(
     camera: Path,
     checkpoint: Path | None = None,
     hull: Path | None = None,
+    attitude: Literal["file", "horizon", "combined"] = "file",
+    imu: Path | None = None,
+    imu_offset_s: float = 0.0,
     output: Path = Path("predictions"),
     estimator: str | None = None,
     image_size: int | None = None,
@@ -48,6 +53,11 @@ def predict(
         camera: Camera file of usvnet calibrate, with the mount; scaled where pictures have another size but its shape.
         checkpoint: Weights written by train.py; the ones that come with usvnet where none is named.
         hull: Hull file of the boats to expect, for the estimators hull and fused; a generic one where none is named.
+        attitude: Pitch and roll from files (the imu's, else the mount's), from the horizon seen in the picture (the
+            files' where none is seen), or from both combined.
+        imu: CSV with time_s, pitch_deg and roll_deg (and their _std_deg) of the camera; its time is the video's own, or
+            Unix time with a stream.
+        imu_offset_s: Time of the imu less that of the frame at the same moment.
         output: Folder of the results.
         estimator: The range to draw and to count; the best there is where none is named.
         image_size: Longer side of what the network sees, pixels; the size it was trained on where none is named.
@@ -72,7 +82,10 @@ def predict(
     checkpoint = checkpoint or default_checkpoint()
     predictor = Predictor(checkpoint, camera, hull, image_size, confidence, device)
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
+    attitudes = FrameAttitudes(AttitudeConfig(attitude, imu_offset_s), imu)
     frames = open_source(source, console.print, every)
+    if imu is not None and isinstance(frames, Photographs):
+        raise ValueError(f"imu: pictures have no time, expected a video or a stream, got {source}")
     meta = {
         "program": f"usvnet predict {__version__}",
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -83,6 +96,9 @@ def predict(
         "checkpoint": str(checkpoint),
         "checkpoint_sha256": sha256(checkpoint),
         "hull": None if hull is None else str(hull),
+        "attitude": attitude,
+        "imu": None if imu is None else str(imu),
+        "imu_offset_s": imu_offset_s,
         "image_size": predictor.image_size,
         "confidence": confidence,
         "estimator": estimator,
@@ -94,8 +110,11 @@ def predict(
         def watch(tally: Tally) -> None:
             progress.update(task, completed=tally.frames, pace=f"{tally.frames_per_s:.1f} frames/s")
 
-        tally = predict_source(frames, predictor, outputs, estimator, console.print, batch_size, max_frames, watch)
+        options = (batch_size, max_frames, watch, attitudes.turn)
+        tally = predict_source(frames, predictor, outputs, estimator, console.print, *options)
     _tell(frames, predictor, tally, estimator)
+    if attitudes.outcomes:
+        print("attitude: " + ", ".join(f"{what} {count}" for what, count in attitudes.outcomes.most_common()))
     if outputs.written:
         print(f"wrote {', '.join(str(path) for path in outputs.written)}")
     if signals:

@@ -13,7 +13,7 @@ from rich.progress import track
 from usvnet.data.formats.imu import read_imu
 from usvnet.data.formats.ranges import FrameNotes
 from usvnet.data.horizon_detector import find_horizon
-from usvnet.data.pictures import read_picture
+from usvnet.data.pictures import Picture, read_picture
 from usvnet.data.records import Frame
 from usvnet.geometry.attitude import Attitude, camera_attitude, combine
 from usvnet.geometry.camera import with_attitude
@@ -105,18 +105,30 @@ def see_horizons(frames: list[Frame], config: AttitudeConfig) -> list[Frame]:
     outcomes: Counter[str] = Counter()
     turned = []
     for frame in track(frames, "Looking for horizons", console=Console(stderr=True), transient=True):
-        sight = find_horizon(read_picture(frame.image_path), frame.camera)
-        outcome = sight.reason or "seen"
-        camera = frame.camera
-        if sight.attitude is not None:
-            horizon = Attitude(*(angle.to(camera.pitch_rad) for angle in sight.attitude))
-            if config.source == "combined":
-                both = combine([camera_attitude(camera), horizon])
-                horizon = both.attitude
-                outcome = "seen" if both.consistent.item() else "contradicted"
-            camera = with_attitude(camera, *horizon)
+        camera, outcome = turn_to_horizon(read_picture(frame.image_path), frame.camera, config.source == "combined")
         outcomes[outcome] += 1
         turned.append(replace(frame, camera=camera))
     told = ", ".join(f"{outcome} {count}" for outcome, count in outcomes.most_common())
     print(f"horizon in {len(frames)} pictures: {told}", file=sys.stderr)
     return turned
+
+
+def turn_to_horizon(picture: Picture, camera: Camera, joined: bool) -> tuple[Camera, str]:
+    """Turn a camera (a batch of 1) to the horizon in its picture.
+
+    Args:
+        picture: (H, W, 3) RGB.
+        camera: its camera; as it is where no horizon is seen.
+        joined: join what it says to the camera's own attitude, by inverse variance.
+
+    Returns:
+        The camera, and what came of it: seen, contradicted, or why no horizon was found.
+    """
+    sight = find_horizon(picture, camera)
+    if sight.attitude is None:
+        return camera, sight.reason
+    horizon = Attitude(*(angle.to(camera.pitch_rad) for angle in sight.attitude))
+    if not joined:
+        return with_attitude(camera, *horizon), "seen"
+    both = combine([camera_attitude(camera), horizon])
+    return with_attitude(camera, *both.attitude), "seen" if both.consistent.item() else "contradicted"

@@ -81,9 +81,12 @@ class Outputs:
 def json_lines(path: Path, meta: dict[str, Any], estimator: str) -> Iterator[Write]:
     """Write what :func:`usvnet.evaluation.predictions.read_predictions` reads.
 
-    The first line is ``{"meta": {...}}``; each further one is a frame, ``{"image": name, "frame": number, "time_s": t,
-    "size_px": [w, h], "boats": [...]}``, whose boats carry every estimator (see :mod:`usvnet.evaluation.record_json`)
-    and the name of the chosen ``"estimator"``.
+    The first line is ``{"meta": {...}}``; each further one is a frame::
+
+        {"image": name, "frame": number, "time_s": t, "size_px": [w, h], "pitch_deg": p, "roll_deg": r, "boats": [...]}
+
+    Its boats carry every estimator (see :mod:`usvnet.evaluation.record_json`) and the name of the chosen
+    ``"estimator"``; pitch and roll are those that the camera had.
     """
     with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write(json.dumps({"meta": meta}) + "\n")
@@ -95,6 +98,8 @@ def json_lines(path: Path, meta: dict[str, Any], estimator: str) -> Iterator[Wri
                 "frame": frame.number,
                 "time_s": _seconds(frame),
                 "size_px": list(frame.picture.shape[1::-1]),
+                "pitch_deg": compact(math.degrees(found.camera.pitch_rad.item())),
+                "roll_deg": compact(math.degrees(found.camera.roll_rad.item())),
                 "boats": [boat_to_json(boat) | {"estimator": estimator} for boat in found.boats],
             }
             file.write(json.dumps(content, allow_nan=False) + "\n")

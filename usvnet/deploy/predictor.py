@@ -87,8 +87,12 @@ class Predictor:
         """
         return self.predict([picture])[0]
 
-    def predict(self, pictures: Sequence[Picture]) -> list[list[BoatRecord]]:
+    def predict(self, pictures: Sequence[Picture], cameras: Sequence[Camera] | None = None) -> list[list[BoatRecord]]:
         """Find and range the boats in pictures of one size, at once; best first in each.
+
+        Args:
+            pictures: (H, W, 3) RGB.
+            cameras: one for each, as :meth:`native_camera` gives it but for its attitude; None is the mount's.
 
         Raises:
             ValueError: pictures of several sizes, or of another shape than the camera's.
@@ -97,14 +101,15 @@ class Predictor:
         if len(sizes) != 1:
             raise ValueError(f"got pictures of {len(sizes)} sizes, expected at least one picture and one size")
         camera = self.native_camera(*sizes.pop())
+        cameras = cameras or [camera] * len(pictures)
         input_px = self.input_size_px(camera)
         letterbox = letterbox_matrix(camera.size_px[0].double(), input_px)
         seen = np.stack([warp(picture, letterbox.numpy(), input_px) for picture in pictures])
         image = torch.from_numpy(seen).to(self.device).permute(0, 3, 1, 2).float().div_(255)  # channels_last already
-        cameras = stack_cameras([letterbox_camera(camera, input_px)] * len(pictures))
+        seeing = camera_to(letterbox_camera(stack_cameras(cameras), input_px), self.device)
         hulls = None if self.hull is None else hull_to(stack_hulls([self.hull] * len(pictures)), self.device)
         with torch.inference_mode():
-            prediction = self.model(image, camera_to(cameras, self.device), hulls)
+            prediction = self.model(image, seeing, hulls)
         return to_records(prediction, letterbox.expand(len(pictures), 3, 3), self.factors)
 
     def native_camera(self, width: int, height: int) -> Camera:

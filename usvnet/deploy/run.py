@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from usvnet.deploy.outputs import FrameBoats, Outputs
 from usvnet.deploy.predictor import Predictor
 from usvnet.deploy.sources import Frame, Source, Tell
+from usvnet.types import Camera
 
 
 @dataclass
@@ -63,6 +64,7 @@ def predict_source(
     batch_size: int = 1,
     max_frames: int | None = None,
     watch: Callable[[Tally], None] = lambda tally: None,
+    turn: Callable[[Frame, Camera], Camera] = lambda frame, camera: camera,
 ) -> Tally:
     """Predict every frame and write it; never more than two batches of frames are held.
 
@@ -75,6 +77,7 @@ def predict_source(
         batch_size: frames of one size computed at once; a stream's go one by one.
         max_frames: predict so many at most.
         watch: is shown the tally after each frame.
+        turn: gives a frame's camera the attitude that it had then.
 
     Raises:
         ValueError: the first frame does not fit the camera.
@@ -84,9 +87,9 @@ def predict_source(
     frames = _fitting(_timed(source, tally, max_frames), predictor, tally, tell)
     for batch in batches(frames, 1 if source.is_live else batch_size):
         with tally.timing("predict"):
-            pictures = predictor.predict([frame.picture for frame in batch])
-        for frame, boats in zip(batch, pictures):
-            found = FrameBoats(frame, boats, predictor.native_camera(*frame.picture.shape[1::-1]))
+            cameras = [turn(frame, predictor.native_camera(*frame.picture.shape[1::-1])) for frame in batch]
+            pictures = predictor.predict([frame.picture for frame in batch], cameras)
+        for found in map(FrameBoats, batch, pictures, cameras):
             with tally.timing("write"):
                 outputs.write(found)
             tally.count(found, estimator)
