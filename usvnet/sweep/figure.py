@@ -18,10 +18,11 @@ PRICES: tuple[tuple[str, Callable[[Cost], float]], ...] = (
     ("GFLOPs a picture", lambda cost: cost.gflops),
     ("milliseconds a picture", lambda cost: cost.ms),
 )
-YIELDS: tuple[tuple[str, Callable[[Group], Stat]], ...] = (
-    ("strict mAP50-95", lambda group: group.pose("pose_strict", "map50_95")),
-    ("waterline range RMSE, m", lambda group: group.waterline("rmse_m")),
+YIELDS: tuple[tuple[str, Callable[[Group], Stat], tuple[int, int]], ...] = (
+    ("strict mAP50-95", lambda group: group.pose("pose_strict", "map50_95"), (6, -10)),
+    ("waterline range RMSE, m", lambda group: group.waterline("rmse_m"), (6, 4)),
 )
+"""With where names stand, in points from their mark: on the side away from a curve that rises or falls."""
 LOGARITHMIC_FROM = 3.0
 """Prices whose largest is more than so many times the smallest are shown on a logarithmic scale."""
 Point = tuple[float, float, float, str]
@@ -38,12 +39,13 @@ def draw_figure(groups: Sequence[Group], costs: dict[tuple[str, int], Cost], pat
     """
     figure = Figure(figsize=(11, 6.2), layout="constrained")
     axes = figure.subplots(len(YIELDS), len(PRICES), sharex="col", sharey="row")
-    for row, (yield_title, of_group) in enumerate(YIELDS):
+    for row, (yield_title, of_group, name_offset) in enumerate(YIELDS):
         for column, (price_title, of_cost) in enumerate(PRICES):
             axis = axes[row, column]
             for family, colour in COLOURS.items():
                 members = [group for group in groups if VARIANTS[group.first.variant].family == family]
-                _draw_family(axis, sorted(_points(members, costs, of_group, of_cost)), family, colour)
+                points = sorted(_points(members, costs, of_group, of_cost))
+                _draw_family(axis, points, family, colour, name_offset)
             _dress(axis, [of_cost(costs[group.first.variant, group.first.eval_size_px]) for group in groups])
             if row == len(YIELDS) - 1:
                 axis.set_xlabel(price_title)
@@ -77,7 +79,7 @@ def _short_name(group: Group, groups: Sequence[Group]) -> str:
     return " ".join(filter(None, (size, epochs, group.others)))
 
 
-def _draw_family(axis: Axes, points: list[Point], family: str, colour: str) -> None:
+def _draw_family(axis: Axes, points: list[Point], family: str, colour: str, name_offset: tuple[int, int]) -> None:
     if not points:
         return
     prices, yields, spreads, names = zip(*points, strict=True)
@@ -95,7 +97,7 @@ def _draw_family(axis: Axes, points: list[Point], family: str, colour: str) -> N
         label=family,
     )
     for price, value, name in zip(prices, yields, names):
-        axis.annotate(name, (price, value), xytext=(5, 4), textcoords="offset points", fontsize=8, color=colour)
+        axis.annotate(name, (price, value), xytext=name_offset, textcoords="offset points", fontsize=8, color=colour)
 
 
 def _dress(axis: Axes, prices: Sequence[float]) -> None:
