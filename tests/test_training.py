@@ -104,7 +104,7 @@ def test_a_short_run_learns(tmp_path):
 
 
 def test_range_alone_teaches_the_first_convolution():
-    weights = LossWeights(box=0, dfl=0, classification=0, keypoint=0, visibility=0, heatmap=0, range=1)
+    weights = LossWeights(box=0, dfl=0, classification=0, keypoint=0, visibility=0, heatmap=0, range=1, covariance=0)
     model = module(loss_weights=weights, range_loss_start_epoch=0)
     model.losses(synthetic_batch(2, 0))["total"].backward()
     first = next(layer for layer in model.model.network.modules() if isinstance(layer, nn.Conv2d))
@@ -113,7 +113,7 @@ def test_range_alone_teaches_the_first_convolution():
 
 
 def test_ranges_teach_nothing_before_their_epoch():
-    weights = LossWeights(box=0, dfl=0, classification=0, keypoint=0, visibility=0, heatmap=0, range=1)
+    weights = LossWeights(box=0, dfl=0, classification=0, keypoint=0, visibility=0, heatmap=0, range=1, covariance=0)
     model = module(loss_weights=weights, range_loss_start_epoch=1)
     assert model.losses(synthetic_batch(2, 0))["total"] == 0
 

@@ -176,7 +176,8 @@ class RangeEstimate(NamedTuple):
     slant_m: Tensor
     """(...) straight line to the point; inf where not valid."""
     slant_std_m: Tensor
-    """(...) one standard deviation, first order; inf where not valid."""
+    """(...) one standard deviation; inf where not valid. The geometry's is first order; a calibrated model scales it so
+    that ``slant_m`` +- 1.645 of it holds 90 % of the readings (:mod:`usvnet.intervals` has the rule and the raw one)."""
     horizontal_m: Tensor
     """(...) along the water; inf where not valid."""
     bearing_rad: Tensor

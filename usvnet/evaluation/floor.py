@@ -33,7 +33,7 @@ class Floor:
     n: int
     rmse_m: float
     floor_m: float
-    """Root of the mean square over the boats of the least standard deviation."""
+    """Root of the mean square over the same boats of the least standard deviation."""
 
     @property
     def ratio(self) -> float:
@@ -67,7 +67,12 @@ def score_floor(ranged: Sequence[RangedBoat], frames: Sequence[Frame], curved_wa
         ranging = RangingLayer(curved_water, box_bottom_std_px=box_std_px)
         cases = native_cases([(_as_labelled(item, covariance_px2), frames[item.picture]) for item in members])
         with torch.inference_mode():
-            stds = {name: e.slant_std_m[e.valid].numpy() for name, e in range_cases(cases, ranging).items()}
+            exact = range_cases(cases, ranging)
+        ranged_by = {
+            name: np.array([item.boat is not None and item.boat.ranges[name].usable for item in members])
+            for name in ESTIMATORS
+        }
+        stds = {name: e.slant_std_m.numpy()[e.valid.numpy() & ranged_by[name]] for name, e in exact.items()}
         by_distance[distance] = {name: _floor(members, name, stds[name]) for name in ESTIMATORS}
         noise_px[distance] = math.sqrt((covariance_px2[3, 1, 1] + covariance_px2[6, 1, 1]) / 2)
         for name in ESTIMATORS:
