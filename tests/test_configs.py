@@ -84,6 +84,12 @@ def test_pictures_too_small_for_the_network_are_named(key, tmp_path):
         build(tmp_path, *arguments, f"--data.{key}=96")
 
 
+def test_weights_alone_are_no_run_to_continue(untrained, tmp_path):
+    cli = build(tmp_path, "--config", "configs/experiment/quickstart.yaml", "--ckpt_path", untrained)
+    with pytest.raises(ValueError, match=r"best\.ckpt: got weights alone, .* --model\.initial_weights"):
+        cli.start_checkpoint()
+
+
 def test_every_variant_has_a_file():
     assert {path.stem for path in files("model")} == VARIANTS.keys()
 

@@ -96,12 +96,17 @@ class TrainingCLI(LightningCLI):
 
         Raises:
             FileNotFoundError: it does not exist.
-            ValueError: it is not one of ours, or of another size.
+            ValueError: it is not one of ours, of another size, or holds weights alone.
         """
         path = self.checkpoints / "last.ckpt" if self.config.resume else self.config.ckpt_path
         if path is None:
             return None
-        check_variant(path, read_checkpoint(path), self.model.model.variant)
+        checkpoint = read_checkpoint(path)
+        check_variant(path, checkpoint, self.model.model.variant)
+        if "optimizer_states" not in checkpoint:
+            raise ValueError(
+                f"{path}: got weights alone, expected a run to continue: start with --model.initial_weights"
+            )
         return Path(path)
 
     def fit(self) -> Path:
