@@ -22,6 +22,8 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 STRONG_FONT = cv2.FONT_HERSHEY_DUPLEX
 SHIFT = 4
 """OpenCV draws at 1/16 of a pixel."""
+FARTHEST = 2**24
+"""What lies further out, in those sixteenths, is drawn there: OpenCV's integers would overflow."""
 
 
 @contextmanager
@@ -109,9 +111,9 @@ def text(
 
 
 def _fixed(values: FloatArray | Sequence[float]) -> tuple[int, int]:
-    x, y = np.clip(np.round(np.asarray(values) * 2**SHIFT), -(2**24), 2**24).astype(int).tolist()
+    x, y = (max(-FARTHEST, min(FARTHEST, round(float(value) * 2**SHIFT))) for value in values)
     return x, y
 
 
 def _fixed_outline(outline: FloatArray) -> NDArray[np.int32]:
-    return np.array([_fixed(point) for point in outline], np.int32)
+    return np.clip(np.round(outline * 2**SHIFT), -FARTHEST, FARTHEST).astype(np.int32)
