@@ -152,9 +152,11 @@ def test_the_chart_moves_away_from_what_is_taken_and_stays_inside():
     assert 0 < x1 < x2 < WIDTH
     assert 0 < y1 < y2 < HEIGHT
     assert x1 > WIDTH / 2
-    moved = TopDownChart().draw(canvas, [], "waterline", camera(), 1.0, [place])
+    chart = TopDownChart()
+    moved = chart.draw(canvas, [], "waterline", camera(), 1.0, [place])
     assert moved[2] < WIDTH / 2
     assert moved[1] == pytest.approx(y1)
+    assert chart.draw(canvas, [], "waterline", camera(), 1.0, []) == moved  # it does not jump back
 
 
 def test_the_field_of_view_is_that_of_the_lens():

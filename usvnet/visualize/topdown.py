@@ -47,6 +47,7 @@ class TopDownChart:
 
     def __init__(self) -> None:
         self.reach_m = 0.0
+        self.corner = CORNERS[0]
 
     def draw(
         self,
@@ -79,7 +80,7 @@ class TopDownChart:
         label_px = text_size(f"{self.reach_m:g} m", LABEL_SCALE * unit)[0]
         reach_px = min(high - 2 * margin, 0.8 * high / spread)
         wide = 2 * reach_px * spread + 2 * margin + label_px
-        place = _corner(canvas, wide, high, unit, taken)
+        place = self._settle(canvas, wide, high, unit, taken)
         eye = np.array([place[0] + margin + reach_px * spread, place[3] - margin])
         px_per_m = reach_px / self.reach_m
 
@@ -99,6 +100,22 @@ class TopDownChart:
         nose, side = np.array([0, -7.0]) * unit, np.array([4.5, 4.0]) * unit
         fill(canvas, np.array([eye + nose, eye + side, eye + side * (-1, 1)]), WHITE)
         return place
+
+    def _settle(self, canvas: Picture, wide: float, high: float, unit: float, taken: Sequence[Rectangle]) -> Rectangle:
+        """Stay in the corner, or move to the one that covers least where that is less."""
+        gap = GAP * unit
+        height, width = canvas.shape[:2]
+
+        def place(corner: tuple[int, int]) -> Rectangle:
+            x, y = (width - gap - wide if corner[0] else gap), (height - gap - high if corner[1] else gap)
+            return x, y, x + wide, y + high
+
+        def covered(corner: tuple[int, int]) -> float:
+            x1, y1, x2, y2 = place(corner)
+            return sum(max(0.0, min(x2, t[2]) - max(x1, t[0])) * max(0.0, min(y2, t[3]) - max(y1, t[1])) for t in taken)
+
+        self.corner = min((self.corner, *CORNERS), key=covered)  # the first of those that cover least
+        return place(self.corner)
 
     def _fit(self, estimates: Sequence[RangeRecord]) -> float:
         """Choose the reach; return the distance between rings."""
@@ -150,24 +167,6 @@ def field_of_view_rad(camera: Camera) -> tuple[float, float]:
 def _lateral_std_rad(boat: BoatRecord, camera: Camera) -> float:
     std_px = math.sqrt(max(0.0, float(np.median(boat.keypoint_covariance_px2[:, 0, 0]))))
     return std_px / float(camera.K[0, 0, 0])
-
-
-def _corner(canvas: Picture, wide: float, high: float, unit: float, taken: Sequence[Rectangle]) -> Rectangle:
-    """The first corner that touches nothing, or the one that covers least."""
-    gap = GAP * unit
-    height, width = canvas.shape[:2]
-    places = []
-    for right, bottom in CORNERS:
-        x, y = (width - gap - wide if right else gap), (height - gap - high if bottom else gap)
-        places.append((x, y, x + wide, y + high))
-
-    def covered(place: Rectangle) -> float:
-        return sum(
-            max(0.0, min(place[2], t[2]) - max(place[0], t[0])) * max(0.0, min(place[3], t[3]) - max(place[1], t[1]))
-            for t in taken
-        )
-
-    return min(places, key=covered)
 
 
 def _arc(eye: FloatArray, radius_px: float, left_rad: float, right_rad: float) -> FloatArray:
