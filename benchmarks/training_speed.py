@@ -2,7 +2,9 @@
 
     python benchmarks/training_speed.py --root datasets/sixscenes-v0 --peer_command "COMMAND"
 
-COMMAND trains the peer on the same data and prints a line ``RESULT {json}`` with ``train_img_per_s``. The two take
+COMMAND trains the peer on the same data and prints a line ``RESULT {json}`` with ``train_img_per_s``, for instance
+``PEER/bin/python benchmarks/peer/train.py --data data.yaml --model yolo11n-pose.yaml --batch 16 --workers 2 --epochs 1
+--fresh --out FOLDER`` in an environment as ``peer/environment.py`` describes it. The two take
 turns ``--rounds`` times, because a shared machine's speed drifts: only the ratio of neighbours means anything. What
 counts is a training epoch: loading, augmentation, forward pass, losses, backward pass, optimiser, weight average.
 """
