@@ -54,11 +54,17 @@ def build_optimiser(model: nn.Module, config: OptimiserConfig) -> Optimizer:
     groups = parameter_groups(model, config.weight_decay)
     on_cpu = groups[0]["params"][0].device.type == "cpu"
     fused = True if on_cpu else None  # on a CPU the default walks the parameters one by one: 12 times slower
+    optimiser: Optimizer
     if config.name == "SGD":
-        return SGD(groups, lr=config.learning_rate, momentum=config.momentum, nesterov=True, fused=fused)
-    if config.name == "AdamW":
-        return AdamW(groups, lr=config.learning_rate, betas=(config.momentum, 0.999), fused=fused)
-    raise ValueError(f"optimiser.name: got {config.name!r}, expected SGD or AdamW")
+        optimiser = SGD(groups, lr=config.learning_rate, momentum=config.momentum, nesterov=True, fused=fused)
+    elif config.name == "AdamW":
+        optimiser = AdamW(groups, lr=config.learning_rate, betas=(config.momentum, 0.999), fused=fused)
+    else:
+        raise ValueError(f"optimiser.name: got {config.name!r}, expected SGD or AdamW")
+    # A fused optimiser can undo the scaling of mixed precision itself, and Lightning then refuses to clip gradients.
+    # Without this the scaling is undone before, as for any other optimiser.
+    optimiser._step_supports_amp_scaling = False
+    return optimiser
 
 
 def warmup_steps(config: OptimiserConfig, steps_per_epoch: float, steps: int) -> int:

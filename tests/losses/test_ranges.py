@@ -48,3 +48,16 @@ def test_gradient_of_range_loss():
     predicted = torch.tensor([[20.4, 35.0, 9.0]], dtype=torch.float64, requires_grad=True)
     valid = torch.ones(1, 3, dtype=torch.bool)
     assert torch.autograd.gradcheck(lambda x: range_loss(x, valid, boats)[0], predicted)
+
+
+def test_an_uncertain_reading_teaches_less_and_a_laser_as_if_it_were_exact():
+    """Weight 1 / (1 + (std / range / tolerance)^2), over the number of boats: 20 m +- 1 m has half."""
+    predicted, valid = torch.tensor([[22.0, 22.0]]), torch.ones(1, 2, dtype=torch.bool)
+    boats = label([[BOX] * 2], range_m=20.0)
+    exact, number = range_loss(predicted, valid, boats)
+    for std, share in ((0.01, 1.0), (20 * TOLERANCE, 0.5), (60 * TOLERANCE, 0.1)):
+        loss, counted = range_loss(predicted, valid, boats._replace(range_std_m=torch.full((1, 2), std)))
+        assert loss.item() == pytest.approx(share * exact.item(), rel=1e-3)
+        assert counted == number
+    one_sure = boats._replace(range_std_m=torch.tensor([[0.0, 1e6]]))
+    assert range_loss(predicted, valid, one_sure)[0].item() == pytest.approx(exact.item() / 2, rel=1e-3)

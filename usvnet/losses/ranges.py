@@ -13,6 +13,10 @@ TOLERANCE = 0.05
 def range_loss(predicted_m: Tensor, valid: Tensor, boats: Boats) -> tuple[Tensor, Tensor]:
     """Huber loss of the logarithm of the slant range, that is of the relative error.
 
+    A reading with a standard deviation teaches with the weight t^2 / (t^2 + (std / range)^2), t being the tolerance:
+    all of it for a laser, half for a reading that is itself uncertain by the tolerance. The mean is over the number of
+    boats and not over their weights: poor readings teach less even when there are no others.
+
     Args:
         predicted_m: (B, N) slant range to the point that the laser hit; may be inf where not valid.
         valid: (B, N) bool, False for a ray at or above the horizon: such boats are left out.
@@ -26,6 +30,10 @@ def range_loss(predicted_m: Tensor, valid: Tensor, boats: Boats) -> tuple[Tensor
     # Left-out entries are replaced before the logarithm: 0 times the gradient of log(inf) would be NaN.
     log_predicted = torch.where(counts, predicted_m, 1.0).log()
     log_measured = torch.where(counts, boats.range_m.to(predicted_m.dtype), 1.0).log()
-    loss = functional.smooth_l1_loss(log_predicted, log_measured, beta=TOLERANCE, reduction="sum")
+    loss = functional.smooth_l1_loss(log_predicted, log_measured, beta=TOLERANCE, reduction="none")
+    relative_std = torch.where(
+        counts, boats.range_std_m / boats.range_m.clamp(min=torch.finfo(torch.float32).tiny), 0.0
+    )
+    weight = counts / (1 + (relative_std / TOLERANCE).square())
     number = counts.sum()
-    return loss / number.clamp(min=1), number
+    return (weight * loss).sum() / number.clamp(min=1), number
