@@ -5,10 +5,13 @@ distance? And the paper's Table 5: which RMSE and MAE does a set of boats have w
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import torch
+from rich.console import Console
+from rich.progress import track
 from torch import Tensor
 
 from usvnet.evaluation.disturbances import (
@@ -27,6 +30,7 @@ from usvnet.evaluation.sensitivity_settings import SensitivitySettings
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.types import Camera, Hull
 
+Item = TypeVar("Item")
 ALL = "all"
 CENTRAL_68 = (0.1586553, 0.8413447)
 """Quantiles one standard deviation below and above the mean of a Gaussian."""
@@ -98,13 +102,15 @@ class Study:
     def budget(self) -> list[Cost]:
         """What each thing that is not known exactly costs, and all of them together."""
         known = {name: std for name, std in self.stds.items() if std > 0}
-        costs = [cost for name, std in known.items() for cost in self._random(name, std, {name: std})]
+        costs = []
+        for name, std in _watched(known.items(), "Error budget"):
+            costs += self._random(name, std, {name: std})
         return costs + self._random(ALL, math.nan, known)
 
     def curves(self) -> list[Cost]:
         """What each amount of each disturbance costs by distance, everything else being right."""
         costs = []
-        for name, amounts in self.settings.disturbances.items():
+        for name, amounts in _watched(self.settings.disturbances.items(), "By distance"):
             for amount in amounts:
                 if DISTURBANCES[name].noise:
                     costs += self._random(name, amount, {name: amount})
@@ -181,7 +187,7 @@ def set_errors(
     """
     single = cases
     rows = []
-    for name, amounts in disturbances.items():
+    for name, amounts in _watched(disturbances.items(), "Over all boats"):
         times = draws if DISTURBANCES[name].noise else 1
         cases = single.repeat(times)
         found_m = slants_m(cases, ranging)
@@ -208,6 +214,11 @@ def set_errors(
 def costs_at(costs: Sequence[Cost], distance_m: float, estimator: str) -> Iterator[Cost]:
     """The costs of one estimator at one distance."""
     return (cost for cost in costs if cost.distance_m == distance_m and cost.estimator == estimator)
+
+
+def _watched(items: Collection[Item], what: str) -> Iterable[Item]:
+    """Go through ``items`` with a progress bar on stderr."""
+    return track(items, what, console=Console(stderr=True), transient=True)
 
 
 def _half_width_68(errors: Tensor) -> float:

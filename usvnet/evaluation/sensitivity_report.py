@@ -54,7 +54,7 @@ def budget_table(costs: Sequence[Cost]) -> Table:
         rows=rows,
         rules=frozenset(range(len(ESTIMATORS) - 1, len(rows), len(ESTIMATORS))),
         note="To first order but for the Monte Carlo, which is half the width of the central 68.3 %; no range: share "
-        "of its draws at or above the horizon.",
+        "of its draws above the horizon or refused by the hull's fit.",
     )
 
 
@@ -111,8 +111,11 @@ def cost_csv(costs: Sequence[Cost]) -> Table:
 
 def draw_budget(costs: Sequence[Cost], path: Path) -> None:
     """Write a PNG: cost of each source by distance, one panel for each estimator."""
-    figure = Figure(figsize=(4.6 * len(ESTIMATORS) + 2.4, 4.8), layout="constrained")
-    panels = figure.subplots(1, len(ESTIMATORS), sharey=True, squeeze=False)[0]
+    columns = min(2, len(ESTIMATORS))
+    lines = math.ceil(len(ESTIMATORS) / columns)
+    figure = Figure(figsize=(4.6 * columns + 2.4, 3.8 * lines + 0.6), layout="constrained")
+    grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
+    panels = grid.flatten()
     sources = list(dict.fromkeys((cost.source, cost.amount) for cost in costs if cost.source != ALL))
     colours = colormaps["tab10"].colors  # type: ignore[attr-defined]
     styles = [(*source, colours[n], 1.5) for n, source in enumerate(sources)] + [(ALL, math.nan, "black", 2.5)]
@@ -120,11 +123,14 @@ def draw_budget(costs: Sequence[Cost], path: Path) -> None:
         for source, amount, colour, width in styles:
             members = [cost for cost in costs if cost.source == source and cost.estimator == estimator]
             _draw_line(panel, members, source_text(source, amount), colour, width)
-        panel.set(title=estimator, xlabel="slant range, m", xscale="log", yscale="log")
+        panel.set(title=estimator, xscale="log", yscale="log")
         panel.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         _mark_distances(panel, costs)
         panel.grid(alpha=0.3, which="both")
-    panels[0].set_ylabel("cost, % of the range (one standard deviation)")
+    for panel in grid[:, 0]:
+        panel.set_ylabel("cost, % of the range\n(one standard deviation)")
+    for panel in grid[-1]:
+        panel.set_xlabel("slant range, m")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center", title="not known exactly")
     figure.suptitle(f"Error budget ({FIRST_ORDER_NOTE})")
     with atomic_write(path) as temporary:
