@@ -206,7 +206,7 @@ class Ranges(NamedTuple):
     heading_std_rad: Tensor
     """(B, N)"""
     misfit: Tensor
-    """(B, N) chi-squared of the hull's fit over its 99 % quantile: about 1 good boat in 100 is above 1."""
+    """(B, N) chi-squared of the hull's fit over its 99 % quantile; about 1 good boat in 100 is above 0.9."""
 
 
 class Prediction(NamedTuple):

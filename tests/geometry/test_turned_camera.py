@@ -7,7 +7,8 @@ import torch
 from torch.autograd import gradcheck
 
 from usvnet.geometry.camera import camera_to, flip_camera, make_camera, project, turn_camera, turn_matrix
-from usvnet.geometry.ranging import RangingLayer, level_rotation
+from usvnet.geometry.ranging import RangingLayer
+from usvnet.geometry.rays import level_rotation
 
 ANGLES = [-0.3, 0.02, math.pi / 2]
 

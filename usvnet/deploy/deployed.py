@@ -10,7 +10,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from usvnet.data.transforms import FILL
 from usvnet.model import USVNet
 from usvnet.network.blocks import Conv
-from usvnet.types import Camera, RangeEstimate
+from usvnet.types import Camera, Hull, RangeEstimate
 
 INPUTS = {
     "image": "(B, 3, H, W) float32, RGB in [0, 1], no mean subtracted; any H and W",
@@ -22,6 +22,10 @@ INPUTS = {
     "camera_std": "(B, 5) standard deviations of focal length (px), height (m), pitch (rad), roll (rad) and of the "
     "water at a boat about mean water (m); may be left out, and the ranges' standard deviations then count the "
     "keypoints' alone",
+    "hull_points_m": "(B, 7, 3) the keypoints on the boats of each picture: x forward, y port, z up, origin amidships "
+    "on the resting waterline; may be left out, and a small boat of uncertain size is taken",
+    "hull_std": "(B, 2) standard deviations of the hull's relative size and of each of its coordinates (m); may be "
+    "left out, and the hull is then taken as exact",
 }
 OUTPUTS = {
     "boxes_px": "(B, N, 4) x1, y1, x2, y2",
@@ -32,7 +36,7 @@ OUTPUTS = {
     "visibility": "(B, N, 7) probability that the keypoint is seen",
     "heading_rad": "(B, N) the boat's bow, clockwise from the optical axis, seen from above",
     "heading_std_rad": "(B, N) one standard deviation of it",
-    "misfit": "(B, N) how badly the keypoints fit the hull: about 1 good boat in 100 is above 1, and refused",
+    "misfit": "(B, N) how badly the keypoints fit the hull: about 1 good boat in 100 is above 0.9, and refused",
 }
 ESTIMATORS = {
     "box_bottom": "the bottom centre of the box",
@@ -84,6 +88,8 @@ class DeployedUSVNet(nn.Module):
         pitch_rad: Tensor,
         roll_rad: Tensor,
         camera_std: Tensor | None = None,
+        hull_points_m: Tensor | None = None,
+        hull_std: Tensor | None = None,
     ) -> dict[str, Tensor]:
         """Find and range the boats in B pictures; see :data:`INPUTS`, :data:`OUTPUTS` and :data:`ESTIMATES`."""
         batch, height, width = image.shape[0], image.shape[2], image.shape[3]
@@ -102,8 +108,13 @@ class DeployedUSVNet(nn.Module):
             roll_std_rad=camera_std[:, 3],
             wave_std_m=camera_std[:, 4],
         )
+        hull: Hull | None = None
+        if hull_points_m is not None:
+            if hull_std is None:
+                hull_std = torch.zeros([batch, 2], dtype=K.dtype, device=K.device)
+            hull = Hull(hull_points_m, hull_std[:, 0], hull_std[:, 1])
         filled = fill_up(image, self.model.network.largest_stride_px)
-        prediction = self.model(filled.contiguous(memory_format=torch.channels_last), camera)
+        prediction = self.model(filled.contiguous(memory_format=torch.channels_last), camera, hull)
         named = {
             "boxes_px": prediction.boxes_px,
             "scores": prediction.scores,

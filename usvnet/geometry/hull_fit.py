@@ -75,8 +75,8 @@ def fit_hulls(sight: HullSight, search_steps: int = SEARCH_STEPS, damping: float
     """Fit N boats in B pictures."""
     with torch.no_grad():
         state = best_starts(sight)
-        for i in range(search_steps):
-            normal = normal_equations(state, sight, 0.5 if 2 * i < search_steps else 2.0)
+        for _ in range(search_steps):
+            normal = normal_equations(state, sight, searching=True)
             diagonal = torch.diagonal(normal.information, dim1=-2, dim2=-1)
             state = step(state, normal.information + torch.diag_embed(damping * diagonal), normal.slope)
         state = choose(state, normal_equations(state, sight).cost)
@@ -104,15 +104,15 @@ def step(state: Tensor, information: Tensor, slope: Tensor) -> Tensor:
 def normal_equations(
     state: Tensor,
     sight: HullSight,
-    decay: float = 2.0,
+    searching: bool = False,
     robust: float = ROBUST,
     heading_information: float = HEADING_INFORMATION,
 ) -> Normal:
     """Linearise the keypoints about states (B, N, K, 10).
 
-    A keypoint with squared residual s > ``robust`` has the weight (robust / s)^decay: with 2 its pull on the state dies
-    away (rho(s) = 2 robust - robust^2 / s), with 0.5 it stays what it was at the limit (Huber), which finds home from
-    further away.
+    A keypoint with squared residual s > ``robust`` has the weight (robust / s)^2, so that its pull on the state dies
+    away: rho(s) = 2 robust - robust^2 / s. While ``searching``, ``robust`` grows with the median residual: far from
+    home everything is off, and what is off like most others is no outlier.
     """
     view = predict_keypoints(state, sight)
     shape = (sight.point_std_m / view.depth_m).square()
@@ -120,15 +120,18 @@ def normal_equations(
     precision = inverse_2x2(sight.covariance + shape[..., None, None] * unit)
     residual = torch.where(sight.usable.unsqueeze(-1), sight.xy - view.xy, torch.zeros_like(view.xy))
     squared = (residual * apply_matrix(precision, residual)).sum(-1)
-    beyond = robust / squared.clamp_min(robust)
-    weight = torch.where(sight.usable, beyond**decay, torch.zeros_like(beyond))
+    limit = torch.full_like(squared, robust)
+    if searching:
+        limit = robust * squared.sort(-1).values[..., 3:4].clamp_min(1.0)
+    beyond = limit / torch.maximum(squared, limit)
+    weight = torch.where(sight.usable, beyond * beyond, torch.zeros_like(beyond))
     pull = (precision.unsqueeze(-1) * view.jacobian.unsqueeze(-3)).sum(-2) * weight[..., None, None]
     flat = pull.flatten(-3, -2)
     known = torch.tensor([0.0, 0.0, 0.0] + 7 * [1.0], dtype=state.dtype, device=state.device)
     least = torch.tensor([1e-6, 1e-6, heading_information] + 7 * [1.0], dtype=state.dtype, device=state.device)
     information = (flat.unsqueeze(-1) * view.jacobian.flatten(-3, -2).unsqueeze(-2)).sum(-3) + torch.diag(least)
     slope = (flat * residual.flatten(-2).unsqueeze(-1)).sum(-2) - known * state
-    bounded = torch.where(squared > robust, robust * (2 - beyond), squared).sum(-1)
+    bounded = torch.where(squared > limit, limit * (2 - beyond), squared).sum(-1)
     return Normal(information, slope, pull, weight, bounded + (known * state * state).sum(-1))
 
 

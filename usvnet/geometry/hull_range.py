@@ -68,8 +68,9 @@ def range_hull(
     away = outward / torch.sqrt((outward * outward).sum(-1, keepdim=True) + 1e-12)
     level = (point * away).sum(-1) / slant
     depth = point[..., 2:].clamp_min(0.01)
-    stray = (away[..., :2] - point[..., :2] / depth * away[..., 2:]) / depth
-    shape = sight.point_std_m[..., 0, 0].square() * level * (level - 2 * (by_xy * stray).sum(-1))
+    plane = point[..., :2] / depth
+    stray = (away[..., :2] - plane * away[..., 2:]) / depth
+    shape = sight.shape_std_m.squeeze(2).square() * level * (level - 2 * (by_xy * stray).sum(-1))
     variance = (follows[..., :7] * slope).sum(-1) + shape
 
     xy = pick(sight.xy, keypoint)
@@ -86,8 +87,11 @@ def range_hull(
     weight = pick(fit.weight.unsqueeze(2).unsqueeze(-1), keypoint).squeeze(-1)
     spread = apply_matrix(noise, b)
     alone = (b * spread).sum(-1) / weight.clamp_min(1e-6)  # a keypoint that the fit holds for wrong counts as such
-    alone = alone + c_camera.square().sum(-1) + c_height.square()
+    wave = hit.slant_by_height * sight.wave_std_m.squeeze(2).square()
+    rise = (plane * down[..., 2:] - down[..., :2]) / depth  # of the keypoint with the water there
+    alone = alone + c_camera.square().sum(-1) + c_height.square() + hit.slant_by_height * wave
     shared = (by_xy * spread).sum(-1) + c_height * follows[..., 6] + (c_camera * follows[..., 7:]).sum(-1)
+    shared = shared + wave * (by_xy * rise).sum(-1)
     return HullRange(slant, variance, position, keypoint, alone, shared)
 
 
