@@ -44,7 +44,7 @@ def run_locally(runs: list[Run], parallel: int, board: Board) -> dict[str, str]:
             while waiting and free:
                 run, slot = waiting.popleft(), free.pop(0)
                 board.begin(run)
-                running[slot] = (run, start_run(run.folder, environment(parallel, slot)))
+                running[slot] = (run, start_run(run.folder, environment(parallel, slot), COMMAND))
             for slot, (run, process) in list(running.items()):
                 if process.poll() is not None:
                     del running[slot]
@@ -61,20 +61,20 @@ def run_locally(runs: list[Run], parallel: int, board: Board) -> dict[str, str]:
 
 
 @contextlib.contextmanager
-def run_alone(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A run in a process that ends with the block."""
-    process = start_run(folder, {})
+def run_alone(folder: Path, command: tuple[str, ...]) -> Iterator[subprocess.Popen[bytes]]:
+    """A run in a process that ends with the block; ``command`` is :data:`COMMAND` where the sweep was started."""
+    process = start_run(folder, {}, command)
     try:
         yield process
     finally:
         end_run(process)
 
 
-def start_run(folder: Path, variables: dict[str, str]) -> subprocess.Popen[bytes]:
+def start_run(folder: Path, variables: dict[str, str], command: tuple[str, ...]) -> subprocess.Popen[bytes]:
     """Start a run that is deaf to Ctrl-C, which is the sweep's to hear, and that ends when the sweep does."""
     with (folder / LOG).open("ab") as log:
         return subprocess.Popen(
-            [sys.executable, *COMMAND, str(folder)],
+            [sys.executable, *command, str(folder)],
             stdin=subprocess.PIPE,
             stdout=log,
             stderr=subprocess.STDOUT,

@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from usvnet.sweep import local
 from usvnet.sweep.board import Board
 from usvnet.sweep.local import failure, run_alone
 from usvnet.sweep.plan import Run
@@ -36,13 +37,14 @@ def run_with_ray(runs: list[Run], parallel: int | None, storage: Path, board: Bo
         raise ValueError('--ray needs Ray: pip install -c constraints.txt -e ".[ray]"') from None
 
     ray.init(ignore_reinit_error=True, log_to_driver=False, logging_level="ERROR")
-    here, variables = Path.cwd(), {name: value for name, value in os.environ.items() if name.startswith("OMP_")}
+    here, command = Path.cwd(), local.COMMAND
+    variables = {name: value for name, value in os.environ.items() if name.startswith("OMP_")}
 
     def trial(config: dict[str, Any]) -> None:
         os.chdir(here)
         os.environ.update(variables)
         folder = Path(config["run"]["folder"])
-        with run_alone(folder) as process:
+        with run_alone(folder, command) as process:
             tune.report({"reason": failure(folder, process)})
 
     cards = ray.cluster_resources().get("GPU", 0) > 0
