@@ -70,14 +70,14 @@ def floor_table(scores: FloorScores) -> Table:
 
 def draw_reliability(ranged: Sequence[RangedBoat], scores: IntervalScores, path: Path) -> None:
     """Write a PNG: for every nominal coverage the share of readings that are inside, one panel for each estimator."""
-    figure = Figure(figsize=(3.8 * len(ESTIMATORS) + 0.6, 4.4), layout="constrained")
+    figure = Figure(figsize=(3.8 * len(ESTIMATORS) + 0.6, 4.6), layout="constrained")
     panels = figure.subplots(1, len(ESTIMATORS), sharey=True, squeeze=False)[0]
     nominal = np.linspace(0.02, 0.98, 49)
     for panel, estimator in zip(panels, ESTIMATORS):
         errors = scores.overall[estimator]
         panel.plot([0, 100], [0, 100], color="0.5", linewidth=1)
-        panel.set(title=f"{estimator}, {errors.n} boats", xlabel="nominal coverage, %", aspect="equal")
-        panel.set(xlim=(0, 100), ylim=(0, 100))
+        panel.set(title=f"{estimator}, {errors.n} boats", xlabel="nominal coverage, %", xlim=(0, 100), ylim=(0, 100))
+        panel.set_box_aspect(1)
         panel.grid(alpha=0.3)
         if errors.n:
             _draw_curves(panel, ranged, scores, estimator, nominal)
