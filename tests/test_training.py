@@ -11,7 +11,7 @@ from lightning.pytorch import Callback, Trainer
 from torch import nn
 from torch.utils.data import DataLoader
 
-from usvnet.callbacks import LastCheckpoint, MovingAverage
+from usvnet.callbacks import LastCheckpoint, MovingAverage, norm_momentum
 from usvnet.checkpoints import load_model
 from usvnet.config import LossWeights, OptimiserConfig
 from usvnet.geometry.camera import make_camera, project, stack_cameras
@@ -87,12 +87,9 @@ def module(**settings) -> USVModule:
 
 
 def test_a_short_run_learns(tmp_path):
-    model = module(range_loss_start_epoch=5)
-    for layer in model.modules():
-        if isinstance(layer, nn.BatchNorm2d):
-            layer.momentum = 0.2  # at 0.03 the running statistics need some 200 steps to forget their start
+    model = module()
     unseen = loader(2, pictures=8, seed=99)
-    run = trainer(tmp_path, epochs=12, check_val_every_n_epoch=12)
+    run = trainer(tmp_path, epochs=16, check_val_every_n_epoch=16)
     before = run.validate(model, unseen, verbose=False)[0]
     run.fit(model, loader(4, pictures=4), unseen)
     after = {name: float(value) for name, value in run.callback_metrics.items()}
@@ -101,11 +98,13 @@ def test_a_short_run_learns(tmp_path):
     assert after["val/keypoint_median_px"] < 3
     assert after["val/missed"] == 0
     assert after["val/range_mae_m"] < 0.6
+    assert after["train/keypoint_error"] < 0.2
+    assert 0 < after["train/range_scale"] <= 1
 
 
 def test_range_alone_teaches_the_first_convolution():
     weights = LossWeights(box=0, dfl=0, classification=0, keypoint=0, visibility=0, heatmap=0, range=1, covariance=0)
-    model = module(loss_weights=weights, range_loss_start_epoch=0)
+    model = module(loss_weights=weights, range_loss_error=None)
     model.losses(synthetic_batch(2, 0))["total"].backward()
     first = next(layer for layer in model.model.network.modules() if isinstance(layer, nn.Conv2d))
     assert first.weight.grad.isfinite().all()
@@ -114,14 +113,77 @@ def test_range_alone_teaches_the_first_convolution():
 
 def test_ranges_teach_nothing_before_their_epoch():
     weights = LossWeights(box=0, dfl=0, classification=0, keypoint=0, visibility=0, heatmap=0, range=1, covariance=0)
-    model = module(loss_weights=weights, range_loss_start_epoch=1)
+    model = module(loss_weights=weights, range_loss_start_epoch=1, range_loss_error=None)
     assert model.losses(synthetic_batch(2, 0))["total"] == 0
+
+
+def test_ranges_teach_nothing_while_keypoints_are_rough():
+    weights = LossWeights(box=0, dfl=0, classification=0, keypoint=0, visibility=0, heatmap=0, range=1, covariance=0)
+    model = module(loss_weights=weights)
+    assert model.losses(synthetic_batch(2, 0))["total"] == 0
+    model.curriculum.error = torch.tensor(0.05)
+    assert model.losses(synthetic_batch(2, 0))["total"] > 0
+
+
+def test_a_checkpoint_carries_the_curriculum(tmp_path):
+    first = module()
+    trainer(tmp_path, 1).fit(first, loader(2, 2))
+    error = float(first.curriculum.error)
+    assert error < 1
+    second = module()
+    run = trainer(tmp_path, 1)
+    run.fit(second, loader(2, 2), ckpt_path=tmp_path / "last.ckpt", weights_only=True)
+    assert run.global_step == 2  # nothing was left to train
+    assert float(second.curriculum.error) == error
+
+
+class Momenta(Callback):
+    """The first norm's momentum at each step."""
+
+    def __init__(self):
+        self.seen = []
+
+    def on_train_batch_end(self, trainer, pl_module, *_):
+        self.seen.append(next(m for m in pl_module.modules() if isinstance(m, nn.BatchNorm2d)).momentum)
+
+
+def test_norms_look_back_over_a_twentieth_of_the_steps_until_they_are_as_slow_as_they_should_be(tmp_path):
+    momenta = Momenta()
+    trainer(tmp_path, 2, momenta).fit(module(), loader(2, 1))
+    assert momenta.seen == [1 / 5, 1 / 5.05, 1 / 5.1, 1 / 5.15]
+    assert norm_momentum(566) > 0.03 > norm_momentum(567)
+
+
+def test_under_autocast_losses_and_geometry_stay_in_single_precision():
+    """The same network answer, rounded to bfloat16 by the network alone, must give the same losses and ranges."""
+    model, batch = module(range_loss_error=None).eval(), synthetic_batch(2, 0)
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        answer = model.model.network(batch.image)
+        inside, prediction = model.losses(batch), model(batch.image, batch.camera)
+    assert all(tensor.dtype == torch.float32 for tensor in answer)
+    model.model.network.forward = lambda image: answer
+    with torch.no_grad():
+        outside, expected = model.losses(batch), model(batch.image, batch.camera)
+    for name, loss in inside.items():
+        assert loss.dtype == torch.float32, name
+        torch.testing.assert_close(loss, outside[name], msg=name)
+    for estimate, other in ((prediction.waterline, expected.waterline), (prediction.box_bottom, expected.box_bottom)):
+        assert estimate.slant_m.dtype == estimate.slant_std_m.dtype == torch.float32
+        torch.testing.assert_close(estimate.slant_m, other.slant_m)
+        torch.testing.assert_close(estimate.slant_std_m, other.slant_std_m)
+    torch.testing.assert_close(prediction.keypoint_covariance_px2, expected.keypoint_covariance_px2)
+
+
+def test_a_bfloat16_run_trains(tmp_path):
+    run = trainer(tmp_path, 1, precision="bf16-mixed")
+    run.fit(module(), loader(2, 2))
+    assert run.callback_metrics["loss"].isfinite()
 
 
 def test_a_range_belongs_to_the_keypoint_it_names():
     """The same laser reading at the far end of the boat must give another loss than at the nearest point."""
     batch = synthetic_batch(2, 0)
-    model = module(range_loss_start_epoch=0)
+    model = module(range_loss_error=None)
     losses = []
     for keypoint in (NEAREST_WATERLINE, 3, 6):
         boats = batch.boats._replace(reference=torch.full_like(batch.boats.reference, keypoint))
@@ -138,7 +200,7 @@ def test_empty_batches_train_without_nan(change):
         boats = batch.boats._replace(present=torch.zeros_like(batch.boats.present))
     else:
         boats = batch.boats._replace(range_m=torch.zeros_like(batch.boats.range_m))
-    model = module(range_loss_start_epoch=0)
+    model = module(range_loss_error=None)
     losses = model.losses(batch._replace(boats=boats))
     losses["total"].backward()
     assert losses["range"] == 0

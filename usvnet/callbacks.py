@@ -10,7 +10,7 @@ import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.callbacks import LearningRateMonitor, ModelCheckpoint, WeightAveraging
 from lightning.pytorch.loggers import TensorBoardLogger
-from torch import Tensor
+from torch import Tensor, nn
 
 from usvnet.evaluation.records import RANGE_CONFIDENCE, BoatRecord, TruthRecord, match_boats, to_records, to_truths
 from usvnet.types import Batch
@@ -66,6 +66,31 @@ class MovingAverage(WeightAveraging):
             torch._foreach_lerp_(list(averages), list(currents), 1 - decay)
         else:
             torch._foreach_copy_(list(averages), list(currents))
+
+
+class NormWarmup(Callback):
+    """Batch-norm statistics that look back over a twentieth of the steps so far, until their own momentum is slower.
+
+    At a momentum of 0.03 they remember their arbitrary start, and the wild first steps, for some 200 steps: a network
+    that has learnt long since looks dead in validation.
+    """
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Note each layer's own momentum."""
+        norms = [module for module in pl_module.modules() if isinstance(module, nn.BatchNorm2d)]
+        self.own = {norm: norm.momentum for norm in norms if norm.momentum is not None}
+
+    def on_train_batch_start(self, trainer: Trainer, pl_module: LightningModule, batch: Batch, batch_idx: int) -> None:
+        """Set the momentum of this step."""
+        warm = norm_momentum(trainer.global_step)
+        for norm, own in self.own.items():
+            norm.momentum = max(own, warm)
+        self.own = {norm: own for norm, own in self.own.items() if warm > own}
+
+
+def norm_momentum(step: int) -> float:
+    """Momentum that looks back over a twentieth of the steps so far, and at least five."""
+    return 1 / (5 + step / 20)
 
 
 class LastCheckpoint(ModelCheckpoint):

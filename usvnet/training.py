@@ -8,12 +8,12 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor
 from torch.optim import Optimizer
 
-from usvnet.callbacks import MovingAverage
+from usvnet.callbacks import MovingAverage, NormWarmup
 from usvnet.checkpoints import STAMP, check_variant, load_model
 from usvnet.config import LossWeights, OptimiserConfig
 from usvnet.evaluation.records import BoatRecord, TruthRecord, to_records, to_truths
 from usvnet.evaluation.scores import Scores, score
-from usvnet.losses import Assignment, Criterion, assign
+from usvnet.losses import Assignment, Criterion, RangeCurriculum, assign, keypoint_error
 from usvnet.model import USVNet
 from usvnet.optimiser import WarmupSchedule, build_optimiser, resolve_auto, warmup_steps
 from usvnet.types import NEAREST_WATERLINE, WATERLINE_KEYPOINTS, Batch, Boats, Camera, Hull, NetworkOutput, Prediction
@@ -27,7 +27,9 @@ class USVModule(LightningModule):
             v8s-p6, v8m-p6, v8l-p6 or v8x-p6 (YOLOv8-P6).
         loss_weights: what each loss counts.
         optimiser: which optimiser and how its learning rate moves.
-        range_loss_start_epoch: first epoch (from 0) in which laser ranges teach; keypoints are too rough before.
+        range_loss_start_epoch: first epoch (from 0) in which laser ranges may teach.
+        range_loss_error: error of the keypoints in training, as a fraction of the boat's size, from which laser ranges
+            teach fully; from twice that on they begin to. None lets them teach however rough the keypoints are.
         curved_water: range on the curved Earth with refraction, for long range.
         ema_decay: share of the averaged weights that one update keeps.
         ema_ramp_steps: steps over which the averaging slows down to ``ema_decay``.
@@ -40,7 +42,8 @@ class USVModule(LightningModule):
         variant: str = "n",
         loss_weights: LossWeights = LossWeights(),  # noqa: B008 (frozen)
         optimiser: OptimiserConfig = OptimiserConfig(),  # noqa: B008 (frozen)
-        range_loss_start_epoch: int = 10,
+        range_loss_start_epoch: int = 0,
+        range_loss_error: float | None = 0.1,
         curved_water: bool = False,
         ema_decay: float = 0.9999,
         ema_ramp_steps: float = 2000.0,
@@ -54,6 +57,7 @@ class USVModule(LightningModule):
         self.criterion = Criterion(loss_weights)
         self.optimiser = optimiser
         self.range_loss_start_epoch = range_loss_start_epoch
+        self.curriculum = RangeCurriculum(range_loss_error)
         self.average = MovingAverage(ema_decay, ema_ramp_steps)
         self.stamp = {"variant": variant, "curved_water": curved_water}
         self._scored: dict[int, tuple[list[BoatRecord], list[TruthRecord]]] = {}
@@ -69,7 +73,11 @@ class USVModule(LightningModule):
         ranged = (batch.boats.present & (batch.boats.range_m > 0)).sum()
         size = len(batch.image)
         self.log("loss", losses["total"].detach(), prog_bar=True, logger=False, batch_size=size)
-        scalars = {name: loss.detach() for name, loss in losses.items()} | {"ranged_boats": ranged.float()}
+        scalars = {name: loss.detach() for name, loss in losses.items()} | {
+            "ranged_boats": ranged.float(),
+            "keypoint_error": self.curriculum.error,
+            "range_scale": self.range_scale(),
+        }
         self.log_dict({f"train/{name}": value for name, value in scalars.items()}, batch_size=size)
         return losses["total"]
 
@@ -79,17 +87,30 @@ class USVModule(LightningModule):
         with torch.autocast(batch.image.device.type, enabled=False):
             output = NetworkOutput(*[tensor.float() for tensor in output])
             assignment = assign(output, batch.boats)
-            slant_m, valid = self.ranges(output, assignment, batch.boats, batch.camera)
-            started = self.current_epoch >= self.range_loss_start_epoch
-            return self.criterion(output, batch.boats, assignment, slant_m, valid, float(started))
+            keypoints_px, slant_m, valid = self.ranges(output, assignment, batch.boats, batch.camera)
+            if self.training:
+                self.curriculum.update(self._mean_over_processes(keypoint_error(keypoints_px, batch.boats)))
+            return self.criterion(output, batch.boats, assignment, slant_m, valid, self.range_scale())
+
+    def range_scale(self) -> Tensor:
+        """How far laser ranges teach at present, 0 to 1."""
+        return self.curriculum.scale() * float(self.current_epoch >= self.range_loss_start_epoch)
+
+    def _mean_over_processes(self, error: Tensor) -> Tensor:
+        """Mean of a scalar over the processes that train together, those that have none (NaN) left out."""
+        if self._trainer is None or self.trainer.world_size == 1:
+            return error
+        total = torch.stack([error.nan_to_num(), (~error.isnan()).float()])
+        torch.distributed.all_reduce(total)
+        return total[0] / total[1]
 
     def ranges(
         self, output: NetworkOutput, assignment: Assignment, boats: Boats, camera: Camera
-    ) -> tuple[Tensor, Tensor]:
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """Range each labelled boat from its best anchor, to the point that its laser reading belongs to.
 
         Returns:
-            (B, N) slant range in metres and (B, N) whether there is one.
+            (B, N, 7, 2) keypoints, (B, N) slant range in metres and (B, N) whether there is one.
         """
         picture = torch.arange(len(assignment.best_anchor), device=assignment.best_anchor.device).unsqueeze(1)
         coarse_px = output.keypoints_px[picture, assignment.best_anchor]
@@ -99,7 +120,7 @@ class USVModule(LightningModule):
         nearest_m = slant_m[..., WATERLINE_KEYPOINTS].amin(-1)
         named_m = slant_m.gather(-1, boats.reference.clamp(min=0).unsqueeze(-1)).squeeze(-1)
         chosen_m = torch.where(boats.reference == NEAREST_WATERLINE, nearest_m, named_m)
-        return chosen_m, chosen_m.isfinite()
+        return keypoints_px, chosen_m, chosen_m.isfinite()
 
     def validation_step(self, batch: Batch, batch_idx: int) -> dict[str, Prediction]:
         """Predict with the averaged weights and keep the boats for scoring."""
@@ -133,17 +154,19 @@ class USVModule(LightningModule):
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
     def configure_callbacks(self) -> list[Callback]:
-        """Average the weights: part of the method, so no configuration can forget it."""
-        return [self.average]
+        """Average the weights, and warm up the norms: part of the method, so no configuration can forget it."""
+        return [self.average, NormWarmup()]
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Write what :func:`usvnet.checkpoints.load_model` needs to build the network."""
+        """Write what :func:`usvnet.checkpoints.load_model` needs to build the network, and the curriculum's state."""
         image_size = getattr(getattr(self.trainer, "datamodule", None), "image_size", None)
         checkpoint[STAMP] = {**self.stamp, "image_size": image_size}
+        checkpoint["range_curriculum"] = float(self.curriculum.error)
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Refuse a checkpoint of another size."""
+        """Refuse a checkpoint of another size; take up the curriculum."""
         check_variant(self.trainer.ckpt_path or "checkpoint", checkpoint, self.model.variant)
+        self.curriculum.error = torch.tensor(checkpoint.get("range_curriculum", 1.0))
 
 
 def validation_scalars(scores: Scores) -> dict[str, float]:

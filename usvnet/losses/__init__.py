@@ -2,5 +2,6 @@
 
 from usvnet.losses.assigner import Assignment, assign
 from usvnet.losses.criterion import Criterion
+from usvnet.losses.curriculum import RangeCurriculum, keypoint_error
 
-__all__ = ["Assignment", "Criterion", "assign"]
+__all__ = ["Assignment", "Criterion", "RangeCurriculum", "assign", "keypoint_error"]

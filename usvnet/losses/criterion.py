@@ -57,7 +57,7 @@ class Criterion(nn.Module):
         assignment: Assignment,
         slant_m: Tensor,
         slant_valid: Tensor,
-        range_scale: float = 1.0,
+        range_scale: Tensor | float = 1.0,
     ) -> dict[str, Tensor]:
         """The losses of a batch.
 
