@@ -82,6 +82,7 @@ def predict(
     checkpoint = checkpoint or default_checkpoint()
     predictor = Predictor(checkpoint, camera, hull, image_size, confidence, device)
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
+    predictor.warm_up()
     attitudes = FrameAttitudes(AttitudeConfig(attitude, imu_offset_s), imu)
     frames = open_source(source, console.print, every)
     if imu is not None and isinstance(frames, Photographs):

@@ -112,6 +112,12 @@ class Predictor:
             prediction = self.model(image, seeing, hulls)
         return to_records(prediction, letterbox.expand(len(pictures), 3, 3), self.factors)
 
+    def warm_up(self) -> None:
+        """Compute twice for nothing: the first two answers take seconds, while the graph is fitted to its input."""
+        width, height = (int(side) for side in self.camera.size_px[0])
+        for _ in range(2):
+            self(np.zeros((height, width, 3), np.uint8))
+
     def native_camera(self, width: int, height: int) -> Camera:
         """The camera of pictures of this size.
 
