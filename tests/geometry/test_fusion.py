@@ -235,3 +235,28 @@ def test_scripted_is_eager():
         expected, got = (one(pixels, covariance, boxes, camera, shape) for one in (layer, scripted))
         for a, b in zip((*expected.hull, *expected.fused, *expected[4:]), (*got.hull, *got.fused, *got[4:])):
             torch.testing.assert_close(a, b, rtol=1e-6, atol=1e-8)
+
+
+class Exportable(torch.nn.Module):
+    """The layer behind plain tensors."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layer = RangingLayer()
+
+    def forward(self, pixels: torch.Tensor, covariance: torch.Tensor, boxes: torch.Tensor, *camera: torch.Tensor):
+        ranges = self.layer(pixels, covariance, boxes, Camera(*camera))
+        return *ranges.hull, *ranges.fused, ranges.heading_rad, ranges.misfit
+
+
+@pytest.mark.slow
+def test_exported_is_eager():
+    torch.manual_seed(6)
+    camera, true, _, level = scenes(3, 5.0, 12.0)
+    pixels = see(level, true).nan_to_num()[:, None]
+    covariance = torch.eye(2, dtype=torch.float64).expand(3, 1, 7, 2, 2).contiguous()
+    arguments = (pixels, covariance, torch.cat([pixels.amin(2), pixels.amax(2)], -1), *camera)
+    eager = Exportable().eval()
+    exported = torch.export.export(eager, arguments).module()
+    for expected, got in zip(eager(*arguments), exported(*arguments)):
+        torch.testing.assert_close(got, expected)
