@@ -177,14 +177,21 @@ def test_a_video_has_a_frame_for_a_frame(tmp_path):
 
 def test_a_video_of_a_stream_runs_in_real_time(tmp_path):
     path = tmp_path / "video.mp4"
-    times_s = [1000.0, 1000.01, 1000.2, 1001.0, 1090.0]  # too fast, slow, slow, broken off
+    times_s = [1000.0, 1000.1, 1000.11, 1000.3, 1001.1, 1090.0]  # pace of 10, too fast, slow, slow, broken off
     drawn(
-        annotated_video(path, SceneDrawer("waterline"), FakeSource(10.0, is_live=True)),
+        annotated_video(path, SceneDrawer("waterline"), FakeSource(25.0, is_live=True)),
         [found(n, time_s=time_s) for n, time_s in enumerate(times_s)],
     )
     rate, greys = frames_of(path)
     assert rate == pytest.approx(10)
-    assert [greys.count(grey) for grey in sorted(set(greys))] == [1, 2, 8, 20]  # 2 s is the longest gap
+    assert [greys.count(grey) for grey in sorted(set(greys))] == [1, 1, 2, 8, 20]  # 2 s is the longest gap
+
+
+def test_a_stream_of_one_frame_is_a_video_of_one_frame(tmp_path):
+    path = tmp_path / "video.mp4"
+    source = FakeSource(is_live=True)
+    drawn(annotated_video(path, SceneDrawer("waterline"), source), [found(4, time_s=1000.0)])
+    assert frames_of(path)[1] == pytest.approx([80], abs=6)
 
 
 def test_pictures_of_another_size_fit_into_the_video(tmp_path):

@@ -18,8 +18,10 @@ from usvnet.visualize.scene import SceneDrawer
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
 """Kept as they are; any other picture is written as a JPEG."""
 JPEG_QUALITY = 92
-STREAM_FRAMES_PER_S, PHOTOGRAPHS_PER_S = 15.0, 2.0
-"""Pace of the video of a stream, at most, and of one of photographs."""
+STREAM_FRAMES_PER_S = (1.0, 15.0)
+"""Slowest and fastest pace of the video of a stream."""
+PHOTOGRAPHS_PER_S = 2.0
+"""Pace of a video of photographs."""
 LONGEST_HOLD_S = 2.0
 """A gap in a stream longer than this is cut short in the video."""
 
@@ -55,31 +57,62 @@ def annotated_video(path: Path, drawer: SceneDrawer, source: Source) -> Iterator
     """
     if source.holds(path):
         raise ValueError(f"{path}: the annotated video would replace its original, choose another output folder")
-    rate = source.frames_per_s or (STREAM_FRAMES_PER_S if source.is_live else PHOTOGRAPHS_PER_S)
-    rate = min(rate, STREAM_FRAMES_PER_S) if source.is_live else rate
     with atomic_write(path) as temporary, ExitStack() as closing:
-        size_px: tuple[int, int] | None = None
-        file: Any = None
-        clock = _VideoClock(rate) if source.is_live else None
+        video = _Video(temporary, source.frames_per_s or PHOTOGRAPHS_PER_S, source.is_live)
+        closing.callback(video.close)
+        yield lambda found: video.add(_drawn(drawer, source, found), found.frame.time_s or 0.0)
 
-        def write(found: FrameBoats) -> None:
-            nonlocal size_px, file
-            repeats = 1 if clock is None else clock.repeats(found.frame.time_s or 0.0)
-            if not repeats:
-                return
-            drawn = _drawn(drawer, source, found)
-            if size_px is None:
-                size_px = drawn.shape[1::-1]
-                file = cv2.VideoWriter(str(temporary), cv2.VideoWriter_fourcc(*"mp4v"), rate, size_px)
-                closing.callback(file.release)
-                if not file.isOpened():
-                    raise OSError(f"{path}: OpenCV cannot write a video here")
-            if drawn.shape[1::-1] != size_px:  # of the same shape, or the camera would not have fitted
-                drawn = cv2.resize(drawn, size_px, interpolation=cv2.INTER_AREA)
-            for _ in range(repeats):
-                file.write(drawn)
 
-        yield write
+class _Video:
+    """A video file of constant pace.
+
+    A stream's pace is found from its first two frames, that is from what the computer keeps up with; later frames
+    stand as often in the video as its pace asks, so that it runs in real time.
+    """
+
+    def __init__(self, path: Path, frames_per_s: float, is_live: bool) -> None:
+        self.path = path
+        self.frames_per_s = frames_per_s
+        self.is_live = is_live
+        self.clock: _VideoClock | None = None
+        self.first: tuple[NDArray[np.uint8], float] | None = None
+        self.file: Any = None
+        self.size_px = (0, 0)
+
+    def add(self, drawn: NDArray[np.uint8], time_s: float) -> None:
+        """Write a frame (BGR) of a time."""
+        if not self.is_live:
+            self._write(drawn)
+        elif self.clock is not None:
+            self._write(drawn, self.clock.repeats(time_s))
+        elif self.first is None:
+            self.first = (drawn, time_s)
+        else:
+            (first, began_s), self.first = self.first, None
+            slowest, fastest = STREAM_FRAMES_PER_S
+            self.frames_per_s = min(max(1 / max(time_s - began_s, 1e-3), slowest), fastest)
+            self.clock = _VideoClock(self.frames_per_s)
+            self._write(first, self.clock.repeats(began_s))
+            self._write(drawn, self.clock.repeats(time_s))
+
+    def close(self) -> None:
+        """Make the file whole."""
+        if self.first is not None:
+            self._write(self.first[0])
+        if self.file is not None:
+            self.file.release()
+
+    def _write(self, drawn: NDArray[np.uint8], repeats: int = 1) -> None:
+        if self.file is None:
+            self.size_px = drawn.shape[1::-1]
+            code = cv2.VideoWriter_fourcc(*"mp4v")
+            self.file = cv2.VideoWriter(str(self.path), code, self.frames_per_s, self.size_px)
+            if not self.file.isOpened():
+                raise OSError(f"{self.path.parent}: OpenCV cannot write a video here")
+        if drawn.shape[1::-1] != self.size_px:  # of the same shape, or the camera would not have fitted
+            drawn = np.asarray(cv2.resize(drawn, self.size_px, interpolation=cv2.INTER_AREA), np.uint8)
+        for _ in range(repeats):
+            self.file.write(drawn)
 
 
 class _VideoClock:
@@ -94,8 +127,8 @@ class _VideoClock:
         """0 where the video is already past ``time_s``, more than 1 where frames came slower than its pace."""
         if self.began_s is None:
             self.began_s = time_s
-        due = int((time_s - self.began_s) * self.frames_per_s) + 1 - self.written
-        longest = int(LONGEST_HOLD_S * self.frames_per_s)
+        due = int((time_s - self.began_s) * self.frames_per_s + 1e-3) + 1 - self.written
+        longest = round(LONGEST_HOLD_S * self.frames_per_s)
         if due > longest:
             self.began_s += (due - longest) / self.frames_per_s
             due = longest
