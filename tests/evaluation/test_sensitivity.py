@@ -99,15 +99,15 @@ def test_a_height_that_is_wrong_is_a_range_that_is_wrong_by_the_same_share():
 
 
 def test_monte_carlo_agrees_where_errors_are_small_and_tells_where_they_are_not():
-    costs = study(draws=250).budget()
+    costs = study(draws=100, distances_m=(10.0,)).budget()
     near = {cost.source: cost for cost in costs if cost.distance_m == 10 and cost.estimator == WATERLINE}
     for cost in near.values():
-        assert cost.exact == pytest.approx(cost.first_order, rel=0.12)
+        assert cost.exact == pytest.approx(cost.first_order, rel=0.2)
         assert cost.no_range == 0
-    settings = SensitivitySettings({}, distances_m=(60.0,), headings_deg=(0.0,), draws=500)
+    settings = SensitivitySettings({}, distances_m=(60.0,), headings_deg=(0.0,), draws=200)
     unsteady = Study(settings, camera(pitch_std_deg=2.0), generic_hull())
     pitch = next(cost for cost in unsteady.budget() if cost.source == "pitch_deg" and cost.estimator == WATERLINE)
-    assert pitch.no_range == pytest.approx(0.24, abs=0.07)  # P(z > 1.43 degrees / 2)
+    assert pitch.no_range == pytest.approx(0.24, abs=0.1)  # P(z > 1.43 degrees / 2)
     assert pitch.exact == math.inf  # more than 15.9 % are above the horizon
 
 
