@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from small_exports import write_cvat, write_label_studio, write_scene_folder
 
 from usvnet.model import USVNet
 
@@ -48,3 +49,21 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     weights = {f"model.{name}": value for name, value in USVNet("n").state_dict().items()}
     torch.save({"usvnet": {"variant": "n", "curved_water": False}, "state_dict": weights}, path)
     return path
+
+
+@pytest.fixture
+def cvat(tmp_path: Path) -> Path:
+    """An unpacked export of CVAT."""
+    return write_cvat(tmp_path / "cvat")
+
+
+@pytest.fixture
+def label_studio(tmp_path: Path) -> Path:
+    """Label Studio's JSON file, pictures beside it."""
+    return write_label_studio(tmp_path / "studio")
+
+
+@pytest.fixture
+def scene_folder(tmp_path: Path) -> Path:
+    """Pictures by scene, with their labels and laser ranges."""
+    return write_scene_folder(tmp_path / "scenes")

@@ -18,6 +18,7 @@ COMMANDS = {
     "calibrate": "find a camera's focal length and distortion from pictures of a chessboard",
     "calibrate-mount": "find a camera's height, pitch and roll from points at known places",
     "check-data": "count a dataset and name every fault in it",
+    "convert": "turn an export of CVAT or Label Studio, or a folder of pictures by scene, into a dataset",
     "export": "write a trained model as TorchScript, for C++ or for Python without usvnet",
     "import-weights": "start from weights that Ultralytics trained (YOLO11, YOLOv8, YOLOv8-P6)",
     "sensitivity": "say what an error of camera, keypoints or water costs in range",

@@ -6,15 +6,19 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import track
 
-from usvnet.commands.dataset_report import camera_table, draw_labels, scene_table, size_table, split_table
-from usvnet.data.check import check_dataset
+from usvnet.commands.dataset_report import Splits, camera_table, draw_labels, scene_table, size_table, split_table
+from usvnet.data.check import check_dataset, check_export
+from usvnet.data.conversion import TITLES, detect_format
 
 
 def check_data(directory: str, *, output: str = "labels.png") -> None:
     """Count a dataset, draw its statistics and name every fault with file and line.
 
+    Also takes what usvnet convert reads, an export of CVAT or Label Studio or a folder of pictures by scene, to look at
+    before it is converted.
+
     Args:
-        directory: the folder that holds data.yaml.
+        directory: the folder that holds data.yaml, or an export.
         output: the picture of the label statistics to write (a PNG).
 
     Raises:
@@ -24,11 +28,21 @@ def check_data(directory: str, *, output: str = "labels.png") -> None:
     console = Console()
     if Path(output).suffix != ".png":
         raise ValueError(f"--output is {output}, expected a file name that ends in .png")
-    frames, faults = check_dataset(Path(directory), partial(track, description="pictures", console=console))
-    for table in (split_table(frames), scene_table(frames), camera_table(frames), size_table(frames)):
+    root, follow = Path(directory), partial(track, description="pictures", console=console)
+    kind = detect_format(root)
+    splits: Splits
+    if kind is None:
+        frames, faults = check_dataset(root, follow)
+        splits = frames
+        tables = [split_table(frames), scene_table(frames), camera_table(frames), size_table(frames)]
+    else:
+        splits, faults = check_export(root, kind, follow)
+        console.print(f"{TITLES[kind]}: turn it into a dataset with usvnet convert")
+        tables = [split_table(splits), scene_table(splits), size_table(splits)]
+    for table in tables:
         console.print(table)
-    if any(frames.values()):
-        draw_labels([frame for split in frames.values() for frame in split], Path(output))
+    if any(splits.values()):
+        draw_labels([picture for members in splits.values() for picture in members], Path(output))
         console.print(f"label statistics: {output}", markup=False, soft_wrap=True)
     for fault in faults:
         console.print(f"fault: {fault}", markup=False, highlight=False, soft_wrap=True)

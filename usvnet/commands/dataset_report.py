@@ -2,7 +2,9 @@
 
 import math
 from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,7 +22,35 @@ INK = "0.25"
 NO_SCENE = "none"
 
 
-def split_table(frames: dict[str, list[Frame]]) -> Table:
+class Labelled(Protocol):
+    """What a :class:`~usvnet.data.records.Frame` and a picture that is not in a dataset yet have in common."""
+
+    @property
+    def scene(self) -> str | None:
+        """Its tag."""
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height."""
+
+    @property
+    def boxes_px(self) -> NDArray[np.float64]:
+        """x1, y1, x2, y2 (n, 4)."""
+
+    @property
+    def visibility(self) -> NDArray[np.int64]:
+        """Of each keypoint (n, 7)."""
+
+    @property
+    def range_m(self) -> NDArray[np.float64]:
+        """What the laser read (n,), 0 where it read nothing."""
+
+
+Splits = Mapping[str, Sequence[Labelled]]
+"""The pictures of each split."""
+
+
+def split_table(frames: Splits) -> Table:
     """Pictures, boats, empty pictures and laser ranges of each split."""
     table = _table("Splits", "split", "pictures", "boats", "empty", "ranges")
     for split, members in frames.items():
@@ -30,7 +60,7 @@ def split_table(frames: dict[str, list[Frame]]) -> Table:
     return table
 
 
-def scene_table(frames: dict[str, list[Frame]]) -> Table:
+def scene_table(frames: Splits) -> Table:
     """Pictures of each scene and split."""
     counts = {split: Counter(frame.scene or NO_SCENE for frame in members) for split, members in frames.items()}
     table = _table("Pictures by scene", "scene", *counts, "all")
@@ -61,7 +91,7 @@ def camera_table(frames: dict[str, list[Frame]]) -> Table:
     return table
 
 
-def size_table(frames: dict[str, list[Frame]]) -> Table:
+def size_table(frames: Splits) -> Table:
     """How large the boxes and how long the ranges are."""
     every = [frame for members in frames.values() for frame in members]
     boxes = _column([frame.boxes_px for frame in every], (4,))
@@ -77,7 +107,7 @@ def size_table(frames: dict[str, list[Frame]]) -> Table:
     return table
 
 
-def draw_labels(frames: list[Frame], path: Path) -> None:
+def draw_labels(frames: Sequence[Labelled], path: Path) -> None:
     """Write a PNG: boats by scene, keypoint visibility, boxes, their centres and sizes, ranges by scene."""
     figure = Figure(figsize=(13, 8), layout="constrained")
     panels = figure.subplots(2, 3)
@@ -106,14 +136,14 @@ def _column(parts: list[NDArray], shape: tuple[int, ...]) -> NDArray[np.float64]
     return np.concatenate([np.zeros((0, *shape)), *parts])
 
 
-def _scenes(frames: list[Frame]) -> dict[str, list[Frame]]:
-    groups: dict[str, list[Frame]] = defaultdict(list)
+def _scenes(frames: Sequence[Labelled]) -> dict[str, list[Labelled]]:
+    groups: dict[str, list[Labelled]] = defaultdict(list)
     for frame in frames:
         groups[frame.scene or NO_SCENE].append(frame)
     return dict(sorted(groups.items()))
 
 
-def _draw_instances(axes: Axes, frames: list[Frame]) -> None:
+def _draw_instances(axes: Axes, frames: Sequence[Labelled]) -> None:
     counts = {scene: sum(len(frame.boxes_px) for frame in members) for scene, members in _scenes(frames).items()}
     axes.bar_label(axes.bar(list(counts), list(counts.values()), color=INK))
     axes.margins(y=0.1)
@@ -146,7 +176,7 @@ def _draw_density(axes: Axes, points: NDArray[np.float64], x: str, y: str, reach
     axes.set(title=f"Box {x} and {y}", xlabel=f"{x}, fraction of the picture", ylabel=f"{y}, fraction of the picture")
 
 
-def _draw_ranges(axes: Axes, frames: list[Frame]) -> None:
+def _draw_ranges(axes: Axes, frames: Sequence[Labelled]) -> None:
     ranges = {scene: _column([frame.range_m for frame in members], ()) for scene, members in _scenes(frames).items()}
     measured = {scene: values[values > 0] for scene, values in ranges.items() if (values > 0).any()}
     axes.set(title="Laser ranges", xlabel="slant range, m", ylabel="number")

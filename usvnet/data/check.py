@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from usvnet.data.conversion import Format, open_export
+from usvnet.data.formats.exports import Follow, LabelledPicture
 from usvnet.data.formats.yolo import read_data_yaml
 from usvnet.data.pictures import PictureCache
 from usvnet.data.reader import read_dataset
@@ -38,3 +40,24 @@ def check_dataset(
         with faults.catch():
             decoder.read(frame.image_path, frame.size_px)
     return frames, faults.sentences
+
+
+def check_export(
+    source: Path, kind: Format, follow: Follow = iter
+) -> tuple[dict[str, list[LabelledPicture]], list[str]]:
+    """Read another tool's export and decode every picture of it.
+
+    Args:
+        source: the file or folder.
+        kind: which tool wrote it.
+        follow: wraps the pictures while they are read, to show how far it is.
+
+    Returns:
+        The sound pictures by split ("none" where the export says none), and one sentence for each fault.
+    """
+    faults = Faults(collect=True)
+    splits: dict[str, list[LabelledPicture]] = {}
+    with faults.catch(), open_export(source, kind, faults, follow) as export:
+        for picture in export.pictures:
+            splits.setdefault(picture.split or "none", []).append(picture)
+    return splits, faults.sentences

@@ -2,6 +2,7 @@
 
 import math
 import re
+import reprlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,10 @@ _Loader.add_multi_constructor(
 )
 
 
+_LOADER_FAILURES = (ValueError, TypeError, AttributeError, LookupError, RecursionError)
+"""What PyYAML lets through for scalars that lie about their type (month 13, ``!!int ''``) and for deep nesting."""
+
+
 def read_mapping(path: Path) -> Mapping:
     """Read a YAML file whose top level is a mapping; OpenCV's FileStorage header is accepted.
 
@@ -36,15 +41,16 @@ def read_mapping(path: Path) -> Mapping:
         content = yaml.load(text, Loader=_Loader)
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: expected a text file in UTF-8") from error
-    except yaml.YAMLError as error:
-        raise ValueError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
+    except (yaml.YAMLError, *_LOADER_FAILURES) as error:
+        reason = "nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
+        raise ValueError(f"{path}: not valid YAML: {reason}") from error
     return as_mapping(content, f"{path}")
 
 
 def as_mapping(value: object, where: str) -> Mapping:
     """Insist on a mapping; ``where`` names the file and key in the error."""
     if not isinstance(value, dict):
-        raise ValueError(f"{where}: expected a mapping of keys to values, got {_short(value)}")
+        raise ValueError(f"{where}: expected a mapping of keys to values, got {short(value)}")
     return value
 
 
@@ -60,17 +66,17 @@ def as_number(value: object, where: str) -> float:
     if isinstance(value, (int, float, str)) and not isinstance(value, bool):
         try:
             number = float(value)
-        except ValueError:
+        except (ValueError, OverflowError):
             number = math.nan
         if math.isfinite(number):
             return number
-    raise ValueError(f"{where}: expected a finite number, got {_short(value)}")
+    raise ValueError(f"{where}: expected a finite number, got {short(value)}")
 
 
 def as_numbers(value: object, where: str) -> list[float]:
     """Insist on a list of finite numbers."""
     if not isinstance(value, list):
-        raise ValueError(f"{where}: expected a list of numbers, got {_short(value)}")
+        raise ValueError(f"{where}: expected a list of numbers, got {short(value)}")
     return [as_number(item, where) for item in value]
 
 
@@ -78,7 +84,7 @@ def refuse_unknown(mapping: Mapping, known: Sequence[str], where: str) -> None:
     """Insist that a mapping has no keys but the ``known`` ones."""
     for key in mapping:
         if key not in known:
-            raise ValueError(f"{where}: unknown key {_short(key)}; expected one of {', '.join(known)}")
+            raise ValueError(f"{where}: unknown key {short(key)}; expected one of {', '.join(known)}")
 
 
 def decimal_text(value: Tensor, degrees: bool = False) -> str:
@@ -94,6 +100,11 @@ def decimal_text(value: Tensor, degrees: bool = False) -> str:
     return text if "." in text else text.replace("e", ".0e")  # YAML 1.1 takes 1e-05 for text
 
 
-def _short(value: object) -> str:
-    text = repr(value)
+def short(value: object) -> str:
+    """Say a value of a file in at most 60 characters, however deep it is (aliases can make it endless)."""
+    text = _Shortener.repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+_Shortener = reprlib.Repr()
+_Shortener.maxlevel, _Shortener.maxlist, _Shortener.maxdict, _Shortener.maxstring = 3, 8, 8, 80

@@ -87,7 +87,7 @@ def test_data_yaml_round_trip(tmp_path: Path):
         ("[bow, bow_left", "[bow_left, bow", "kpt_names is"),
         ("{0: usv}", "{0: usv, 1: buoy}", "names is .*expected one class"),
         ("images/train", "pictures/train", "train is pictures/train, expected a folder below images/"),
-        ("names:", "names: [", "not readable as YAML"),
+        ("names:", "names: [", "not valid YAML"),
     ],
 )
 def test_a_data_yaml_that_is_not_ours_is_refused(tmp_path: Path, old: str, new: str, words: str):

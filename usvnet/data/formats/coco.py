@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 
 from usvnet.data.formats.fractions import from_boat, to_boat
+from usvnet.data.formats.json_files import read_json
 from usvnet.data.records import Faults, Frame, Labels
 from usvnet.files import atomic_write
+from usvnet.geometry.yaml_files import as_mapping, short
 from usvnet.types import KEYPOINT_NAMES, NUM_KEYPOINTS
 
 
@@ -27,18 +29,17 @@ def read_coco(path: Path, faults: Faults) -> dict[str, tuple[Labels, tuple[int, 
         FileNotFoundError: no such file.
         ValueError: naming the file and the annotation (or noted in ``faults``).
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        images, annotations = content["images"], content["annotations"]
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not readable as JSON: {error}") from None
-    except (KeyError, TypeError):
-        raise ValueError(f"{path}: expected the keys 'images', 'annotations' and 'categories' of COCO") from None
-    for category in content.get("categories", []):
-        if "keypoints" in category and tuple(category["keypoints"]) != KEYPOINT_NAMES:
-            raise ValueError(f"{path}: keypoints are {category['keypoints']}, expected {list(KEYPOINT_NAMES)}")
-    if len(content.get("categories", [])) > 1:
-        raise ValueError(f"{path}: {len(content['categories'])} categories, expected one")
+    content = read_json(path)
+    found = content if isinstance(content, dict) else {}
+    images, annotations, categories = found.get("images"), found.get("annotations"), found.get("categories", [])
+    if not (isinstance(images, list) and isinstance(annotations, list) and isinstance(categories, list)):
+        raise ValueError(f"{path}: expected the keys 'images', 'annotations' and 'categories' of COCO, a list each")
+    for category in categories:
+        names = category.get("keypoints", list(KEYPOINT_NAMES)) if isinstance(category, dict) else category
+        if names != list(KEYPOINT_NAMES):
+            raise ValueError(f"{path}: keypoints are {short(names)}, expected {list(KEYPOINT_NAMES)}")
+    if len(categories) > 1:
+        raise ValueError(f"{path}: {len(categories)} categories, expected one")
     pictures: dict[Any, tuple[str, tuple[int, int]]] = {}
     boats: dict[str, list[Labels]] = {}
     for number, image in enumerate(images):
@@ -46,23 +47,26 @@ def read_coco(path: Path, faults: Faults) -> dict[str, tuple[Labels, tuple[int, 
             try:
                 name, size_px = str(image["file_name"]), (int(image["width"]), int(image["height"]))
                 pictures[image["id"]] = (name, size_px)
-            except (KeyError, TypeError, ValueError):
+                if min(size_px) < 1:
+                    raise ValueError("a picture without pixels")
+            except (KeyError, TypeError, ValueError, OverflowError):
                 expected = "id, file_name, width and height"
-                raise ValueError(f"{path}: images[{number}] is {image}, expected {expected}") from None
+                raise ValueError(f"{path}: images[{number}] is {short(image)}, expected {expected}") from None
             if name in boats:
                 raise ValueError(f"{path}: images[{number}] is a second {name}")
             boats[name] = []
     for number, annotation in enumerate(annotations):
         with faults.catch():
             try:
-                missing = {"image_id", "bbox", "keypoints"} - set(annotation)
+                missing = {"image_id", "bbox", "keypoints"} - set(as_mapping(annotation, "annotation"))
                 if missing:
                     raise ValueError(f"no {' and no '.join(sorted(missing))}")
                 if annotation["image_id"] not in pictures:
-                    raise ValueError(f"image_id is {annotation['image_id']}, expected the id of one of 'images'")
+                    image_id = short(annotation["image_id"])
+                    raise ValueError(f"image_id is {image_id}, expected the id of one of 'images'")
                 name, size_px = pictures[annotation["image_id"]]
                 boats[name].append(_parse(annotation, size_px))
-            except (TypeError, ValueError) as error:
+            except (TypeError, ValueError, OverflowError) as error:
                 raise ValueError(f"{path}: annotations[{number}]: {error}") from None
     return {name: (Labels.of(boats[name]), size_px) for name, size_px in pictures.values()}
 

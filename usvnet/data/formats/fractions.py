@@ -13,6 +13,9 @@ from usvnet.types import KEYPOINT_NAMES
 TOLERANCE = 1e-3
 """How far a fraction may lie outside [0, 1]: rounding, not a mistake."""
 
+FAR = 1e6
+"""Where a number stops to be a place, even that of a keypoint which is not labelled: it would not fit float32."""
+
 
 def to_boat(box: NDArray[np.float64], points: NDArray[np.float64], size_px: tuple[int, int]) -> Labels:
     """Turn fractions into the labels of one boat.
@@ -29,7 +32,7 @@ def to_boat(box: NDArray[np.float64], points: NDArray[np.float64], size_px: tupl
     for (name, (x, y)), visibility in zip(pairs.items(), (2, 2, *points[:, 2])):
         if visibility not in (0, 1, 2):
             raise ValueError(f"visibility of {name} is {visibility:g}, expected 0, 1 or 2")
-        if not np.isfinite((x, y)).all():
+        if not (np.abs((x, y)) < FAR).all():
             raise ValueError(f"{name} is ({x:g}, {y:g}), expected finite numbers")
         if visibility > 0 and max(abs(x - 0.5), abs(y - 0.5)) > 0.5 + TOLERANCE:
             raise ValueError(f"{name} is ({x:g}, {y:g}), expected 0 to 1 of the picture")
@@ -38,6 +41,18 @@ def to_boat(box: NDArray[np.float64], points: NDArray[np.float64], size_px: tupl
     size = np.array(size_px, float)
     corners = np.concatenate((box[:2] - box[2:] / 2, box[:2] + box[2:] / 2)) * np.tile(size, 2) - 0.5
     return Labels(corners[None], (points[:, :2] * size - 0.5)[None], points[:, 2].astype(np.int64)[None])
+
+
+def keep_inside(
+    box: NDArray[np.float64], points: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Cut a box (4,) at the picture's edges and count keypoints (7, 3) outside as not labelled.
+
+    Some tools let a boat reach out of its picture. What is not finite stays so, for :func:`to_boat` to refuse.
+    """
+    low, high = np.clip(box[:2] - box[2:] / 2, 0, 1), np.clip(box[:2] + box[2:] / 2, 0, 1)
+    outside = np.isfinite(points).all(1) & (np.abs(points[:, :2] - 0.5).max(1) > 0.5 + TOLERANCE)
+    return np.concatenate(((low + high) / 2, high - low)), np.where(outside[:, None], 0.0, points)
 
 
 def from_boat(boat: Labels, size_px: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

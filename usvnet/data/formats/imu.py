@@ -57,21 +57,24 @@ def read_imu(path: Path) -> ImuLog:
         FileNotFoundError: no such file.
         ValueError: naming file and line.
     """
+    rows: list[list[float]] = []
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
         reader = csv.DictReader(stream, skipinitialspace=True)
-        columns = reader.fieldnames or ()
-        missing = [name for name in REQUIRED if name not in columns]
-        if missing:
-            raise ValueError(f"{path}:1: column {missing[0]} is missing, expected {', '.join(REQUIRED)}")
-        has_stds = [name in columns for name in STDS]
-        if any(has_stds) and not all(has_stds):
-            raise ValueError(f"{path}:1: expected both {' and '.join(STDS)}, or neither")
-        rows: list[list[float]] = []
-        for row in reader:
-            where = f"{path}:{reader.line_num}"
-            rows.append([_number(row, name, where) for name in (*REQUIRED, *(STDS if all(has_stds) else ()))])
-            if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
-                raise ValueError(f"{where}: time_s is {rows[-1][0]:g}, not after the row before ({rows[-2][0]:g})")
+        try:
+            columns = reader.fieldnames or ()
+            missing = [name for name in REQUIRED if name not in columns]
+            if missing:
+                raise ValueError(f"{path}:1: column {missing[0]} is missing, expected {', '.join(REQUIRED)}")
+            has_stds = [name in columns for name in STDS]
+            if any(has_stds) and not all(has_stds):
+                raise ValueError(f"{path}:1: expected both {' and '.join(STDS)}, or neither")
+            for row in reader:
+                where = f"{path}:{reader.line_num}"
+                rows.append([_number(row, name, where) for name in (*REQUIRED, *(STDS if all(has_stds) else ()))])
+                if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
+                    raise ValueError(f"{where}: time_s is {rows[-1][0]:g}, not after the row before ({rows[-2][0]:g})")
+        except csv.Error as error:
+            raise ValueError(f"{path}:{reader.line_num}: not readable as a table: {error}") from None
     if not rows:
         raise ValueError(f"{path}: no readings, expected at least one row")
     table = np.array(rows)

@@ -70,20 +70,21 @@ def _rows(path: Path, faults: Faults, allowed: tuple[str, ...] = ()) -> Iterator
     """Yield ``file:line`` and the filled cells of each row; ``allowed`` restricts the columns."""
     if not path.is_file():
         return
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
+    with faults.catch(), path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
         reader = csv.DictReader(stream, skipinitialspace=True)
-        columns = reader.fieldnames or ()
-        required = {"image", "range_m"} if allowed else {"image"}
-        unknown = [name for name in columns if allowed and name not in allowed]
-        with faults.catch():
+        try:
+            columns = reader.fieldnames or ()
+            required = {"image", "range_m"} if allowed else {"image"}
+            unknown = [name for name in columns if allowed and name not in allowed]
             if not required <= set(columns):
                 raise ValueError(f"{path}:1: columns {', '.join(columns)}, expected {' and '.join(sorted(required))}")
-            if unknown:
-                raise ValueError(f"{path}:1: unknown column '{unknown[0]}', expected some of {', '.join(allowed)}")
-        if not required <= set(columns):
-            return
-        for row in reader:
-            yield f"{path}:{reader.line_num}", {key: cell.strip() for key, cell in row.items() if key and cell}
+            with faults.catch():
+                if unknown:
+                    raise ValueError(f"{path}:1: unknown column '{unknown[0]}', expected some of {', '.join(allowed)}")
+            for row in reader:
+                yield f"{path}:{reader.line_num}", {key: cell.strip() for key, cell in row.items() if key and cell}
+        except csv.Error as error:
+            raise ValueError(f"{path}:{reader.line_num}: not readable as a table: {error}") from None
 
 
 def _note_row(line: str, row: dict[str, str], notes: dict[str, FrameNotes]) -> FrameNotes:

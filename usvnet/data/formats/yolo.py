@@ -13,6 +13,7 @@ import yaml
 from usvnet.data.formats.fractions import from_boat, to_boat
 from usvnet.data.records import SPLITS, Faults, Frame, Labels
 from usvnet.files import atomic_write
+from usvnet.geometry.yaml_files import read_mapping, short
 from usvnet.types import FLIP_INDEX, KEYPOINT_NAMES, NUM_KEYPOINTS
 
 VALUES_A_LINE = 5 + 3 * NUM_KEYPOINTS
@@ -29,12 +30,7 @@ def read_data_yaml(path: Path) -> dict[str, str]:
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file, expected a dataset folder with a data.yaml")
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(content, dict):
-        raise ValueError(f"{path}: expected keys and values such as 'train: images/train'")
+    content = read_mapping(path)
     expected: dict[str, object] = {"kpt_shape": [NUM_KEYPOINTS, 3]}
     if "flip_idx" in content:
         expected["flip_idx"] = list(FLIP_INDEX)
@@ -42,14 +38,15 @@ def read_data_yaml(path: Path) -> dict[str, str]:
         expected["kpt_names"] = {0: list(KEYPOINT_NAMES)}
     for key, value in expected.items():
         if content.get(key) != value:
-            raise ValueError(f"{path}: {key} is {content.get(key)}, expected {value}")
+            raise ValueError(f"{path}: {key} is {short(content.get(key))}, expected {value}")
     names = content.get("names")
     if not isinstance(names, dict | list) or len(names) != 1:
-        raise ValueError(f"{path}: names is {names}, expected one class, for instance {{0: usv}}")
+        raise ValueError(f"{path}: names is {short(names)}, expected one class, for instance {{0: usv}}")
     splits = {split: content[split] for split in SPLITS if content.get(split) is not None}
     for split, place in splits.items():
         if not isinstance(place, str) or not (place.endswith(".json") or Path(place).parts[:1] == ("images",)):
-            raise ValueError(f"{path}: {split} is {place}, expected a folder below images/ or a COCO file *.json")
+            found = place if isinstance(place, str) else short(place)
+            raise ValueError(f"{path}: {split} is {found}, expected a folder below images/ or a COCO file *.json")
     return splits
 
 
@@ -110,9 +107,13 @@ def format_line(boat: Labels, size_px: tuple[int, int]) -> str:
     return " ".join(f"{value:.9f}".rstrip("0").rstrip(".") for value in (0, *box, *points.ravel()))
 
 
+def label_text(labels: Labels, size_px: tuple[int, int]) -> str:
+    """Write the boats of one picture: a line each, nothing where there is none."""
+    return "".join(format_line(labels.boat(i), size_px) + "\n" for i in range(len(labels.boxes_px)))
+
+
 def write_yolo(frames: Iterable[Frame], folder: Path) -> None:
     """Write ``folder/<name>.txt`` for each frame, an empty file for a frame without boats."""
     for frame in frames:
-        boats = [frame.labels.boat(i) for i in range(len(frame.boxes_px))]
         with atomic_write((folder / frame.name).with_suffix(".txt")) as temporary:
-            temporary.write_text("".join(format_line(boat, frame.size_px) + "\n" for boat in boats), encoding="utf-8")
+            temporary.write_text(label_text(frame.labels, frame.size_px), encoding="utf-8")
