@@ -12,7 +12,7 @@ SOURCES = sorted([*ROOT.glob("usvnet/**/*.py"), *ROOT.glob("scripts/*.py"), *ROO
 LEVELS = [
     {"__init__", "types", "files", "config"},
     {"geometry", "heatmap", "intervals"},
-    {"network", "losses", "data", "simulator", "metrics"},
+    {"network", "losses", "data", "simulator", "metrics", "tracking"},
     {"model"},
     {"checkpoints", "optimiser", "pretrained", "visualize"},
     {"deploy", "evaluation"},
@@ -42,6 +42,7 @@ ONLY_IN = {
     "torchvision": [],
     "ultralytics": [],
     "jsonargparse": ["usvnet/cli.py", "usvnet/training_cli.py", "evaluate.py"],
+    "scipy": ["usvnet/tracking/*"],
     "pycocotools": ["usvnet/evaluation/*", "usvnet/data/*"],
     "matplotlib": ["usvnet/evaluation/*", "usvnet/data/*", "usvnet/commands/*", "usvnet/sweep/figure.py"],
     "ray": ["usvnet/sweep/ray_tune.py"],

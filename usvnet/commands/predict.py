@@ -1,5 +1,6 @@
 """``usvnet predict``: boats and their ranges in pictures, videos, webcams and streams."""
 
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -17,9 +18,14 @@ from usvnet.deploy.predictor import Predictor, best_estimator, check_estimator, 
 from usvnet.deploy.run import Tally, predict_source, stopped_by_signals
 from usvnet.deploy.sources import Photographs, Source
 from usvnet.deploy.streams import LiveStream, open_source
+from usvnet.deploy.track_files import mot_text, track_table
+from usvnet.deploy.tracking import BoatFollower
+from usvnet.tracking.tracker import TrackingConfig
 from usvnet.visualize.scene import SceneDrawer
 
 LINES, TABLE, VIDEO, PICTURES = "predictions.jsonl", "predictions.csv", "video.mp4", "pictures"
+TRACK_TABLE, MOT_TEXT = "tracks.csv", "tracks.txt"
+FIXED = TrackingConfig()
 
 
 def predict(
@@ -40,6 +46,8 @@ def predict(
     max_frames: int | None = None,
     save: Literal["auto", "pictures", "video", "none"] = "auto",
     show_topdown: bool = True,
+    track: bool = False,
+    tracking: TrackingConfig = FIXED,
     device: str | None = None,
 ) -> None:
     """Find the boats in pictures or a video, and say how far away they are and how sure that is.
@@ -67,6 +75,9 @@ def predict(
         max_frames: Stop after so many.
         save: What to draw on; auto is a video of a video or stream, and pictures of pictures.
         show_topdown: Draw the chart that shows the boats from above.
+        track: Follow the boats of a video or stream from frame to frame: numbers, smoothed ranges with intervals,
+            closing speed and closest point of approach, also in tracks.csv and, as MOTChallenge text, in tracks.txt.
+        tracking: Rules of that.
         device: Where to compute, e.g. cpu or cuda:1; the first GPU where there is one.
 
     Raises:
@@ -87,6 +98,9 @@ def predict(
     frames = open_source(source, console.print, every)
     if imu is not None and isinstance(frames, Photographs):
         raise ValueError(f"imu: pictures have no time, expected a video or a stream, got {source}")
+    if track and isinstance(frames, Photographs):
+        raise ValueError(f"track: pictures have no time, expected a video or a stream, got {source}")
+    follower = BoatFollower(estimator, tracking) if track else None
     meta = {
         "program": f"usvnet predict {__version__}",
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -103,19 +117,22 @@ def predict(
         "image_size": predictor.image_size,
         "confidence": confidence,
         "estimator": estimator,
+        "tracking": asdict(tracking) if track else None,
     }
-    writers = _writers(frames, output, meta, estimator, save, SceneDrawer(estimator, show_topdown))
+    writers = _writers(frames, output, meta, estimator, save, SceneDrawer(estimator, show_topdown), track)
     with Outputs(writers) as outputs, stopped_by_signals(frames) as signals, _progress(console) as progress:
         task = progress.add_task("predicting", total=_fewer(frames.total, max_frames), pace="")
 
         def watch(tally: Tally) -> None:
             progress.update(task, completed=tally.frames, pace=f"{tally.frames_per_s:.1f} frames/s")
 
-        options = (batch_size, max_frames, watch, attitudes.turn)
+        options = (batch_size, max_frames, watch, attitudes.turn, follower.follow if follower else None)
         tally = predict_source(frames, predictor, outputs, estimator, console.print, *options)
     _tell(frames, predictor, tally, estimator)
     if attitudes.outcomes:
         print("attitude: " + ", ".join(f"{what} {count}" for what, count in attitudes.outcomes.most_common()))
+    if follower:
+        print(f"{follower.tracker.confirmed} boats followed")
     if outputs.written:
         print(f"wrote {', '.join(str(path) for path in outputs.written)}")
     if signals:
@@ -127,12 +144,15 @@ def predict(
 
 
 def _writers(
-    source: Source, folder: Path, meta: dict[str, Any], estimator: str, save: str, drawer: SceneDrawer
+    source: Source, folder: Path, meta: dict[str, Any], estimator: str, save: str, drawer: SceneDrawer, track: bool
 ) -> dict[Path, Writer]:
     writers: dict[Path, Writer] = {
         folder / LINES: lambda: json_lines(folder / LINES, meta, estimator),
-        folder / TABLE: lambda: boat_table(folder / TABLE, estimator),
+        folder / TABLE: lambda: boat_table(folder / TABLE, estimator, track),
     }
+    if track:
+        writers[folder / TRACK_TABLE] = lambda: track_table(folder / TRACK_TABLE)
+        writers[folder / MOT_TEXT] = lambda: mot_text(folder / MOT_TEXT)
     if save == "auto":
         save = "pictures" if isinstance(source, Photographs) else "video"
     if save == "pictures":

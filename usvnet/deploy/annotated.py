@@ -145,5 +145,5 @@ def _drawn(drawer: SceneDrawer, source: Source, found: FrameBoats) -> NDArray[np
         minutes, seconds = divmod(frame.time_s, 60)
         clock = time.strftime("%H:%M:%S", time.localtime(frame.time_s)) if source.is_live else ""
         caption = f"{caption}   {clock or f'{int(minutes)}:{seconds:05.2f}'}"
-    drawn = drawer.draw(frame.picture, found.boats, found.camera, caption)
+    drawn = drawer.draw(frame.picture, found.boats, found.camera, caption, found.tracks or ())
     return np.asarray(cv2.cvtColor(drawn, cv2.COLOR_RGB2BGR), np.uint8)

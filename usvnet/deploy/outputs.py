@@ -16,9 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from usvnet.deploy.sources import Frame
+from usvnet.deploy.track_fields import FIELDS, track_fields
 from usvnet.evaluation.record_json import boat_to_json, compact, interval_90_m
 from usvnet.evaluation.records import ESTIMATORS, BoatRecord
 from usvnet.files import atomic_write
+from usvnet.tracking.tracker import Track, track_of
 from usvnet.types import KEYPOINT_NAMES, Camera
 
 
@@ -30,6 +32,8 @@ class FrameBoats(NamedTuple):
     """Best first, in the frame's pixels."""
     camera: Camera
     """The frame's (a batch of 1)."""
+    tracks: list[Track] | None = None
+    """The boats that are followed, seen in this frame or not; None where boats are not followed."""
 
 
 Write = Callable[[FrameBoats], None]
@@ -86,7 +90,8 @@ def json_lines(path: Path, meta: dict[str, Any], estimator: str) -> Iterator[Wri
         {"image": name, "frame": number, "time_s": t, "size_px": [w, h], "pitch_deg": p, "roll_deg": r, "boats": [...]}
 
     Its boats carry every estimator (see :mod:`usvnet.evaluation.record_json`) and the name of the chosen
-    ``"estimator"``; pitch and roll are those that the camera had.
+    ``"estimator"``; pitch and roll are those that the camera had. Where boats are followed, each also has its
+    ``"track"`` (see :mod:`usvnet.deploy.track_fields`), null until it is confirmed.
     """
     with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write(json.dumps({"meta": meta}) + "\n")
@@ -100,21 +105,33 @@ def json_lines(path: Path, meta: dict[str, Any], estimator: str) -> Iterator[Wri
                 "size_px": list(frame.picture.shape[1::-1]),
                 "pitch_deg": compact(math.degrees(found.camera.pitch_rad.item())),
                 "roll_deg": compact(math.degrees(found.camera.roll_rad.item())),
-                "boats": [boat_to_json(boat) | {"estimator": estimator} for boat in found.boats],
+                "boats": [
+                    boat_to_json(boat) | {"estimator": estimator} | _track_to_json(found, number)
+                    for number, boat in enumerate(found.boats)
+                ],
             }
             file.write(json.dumps(content, allow_nan=False) + "\n")
 
         yield write
 
 
-def table_header() -> list[str]:
-    """The columns of the table: one row is one boat."""
+def _track_to_json(found: FrameBoats, boat: int) -> dict[str, Any]:
+    """``{"track": fields or None}``, or nothing where boats are not followed."""
+    if found.tracks is None:
+        return {}
+    track = track_of(found.tracks, boat)
+    return {"track": None if track is None else track_fields(track, found.camera.height_m.item())}
+
+
+def table_header(tracked: bool = False) -> list[str]:
+    """The columns of the table: one row is one boat. With ``tracked``, those of its track are the last."""
     ranges = ("estimator", "valid", "slant_m", "slant_std_m", "low_90_m", "high_90_m", "horizontal_m", "bearing_deg")
     others = (f"{name}_{what}" for name in ESTIMATORS for what in ("slant_m", "slant_std_m"))
     parts = ("u_px", "v_px", "visibility", "uu_px2", "uv_px2", "vv_px2")
     keypoints = (f"{name}_{part}" for name in KEYPOINT_NAMES for part in parts)
     boxes = ("score", "x1_px", "y1_px", "x2_px", "y2_px")
-    return ["image", "frame", "time_s", "boat", *boxes, *ranges, *others, *keypoints]
+    tracks = (f"track_{name}" for name in FIELDS) if tracked else ()
+    return ["image", "frame", "time_s", "boat", *boxes, *ranges, *others, *keypoints, *tracks]
 
 
 def table_rows(found: FrameBoats, estimator: str) -> Iterator[list[Any]]:
@@ -131,15 +148,16 @@ def table_rows(found: FrameBoats, estimator: str) -> Iterator[list[Any]]:
             *(estimator, int(estimate.valid), *compact(chosen), compact(math.degrees(estimate.bearing_rad))),
             *compact(others),
             *compact(keypoints.ravel()),
+            *((track or {}).get(name) for track in _track_to_json(found, number).values() for name in FIELDS),
         ]
 
 
 @contextmanager
-def boat_table(path: Path, estimator: str) -> Iterator[Write]:
-    """Write a CSV with a row for each boat: the ranges of the chosen estimator, and those of all beside it."""
+def boat_table(path: Path, estimator: str, tracked: bool = False) -> Iterator[Write]:
+    """Write a CSV with a row for each boat: the ranges of the chosen estimator, those of all, and its track."""
     with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file)
-        table.writerow(table_header())
+        table.writerow(table_header(tracked))
         yield lambda found: table.writerows(table_rows(found, estimator))
 
 

@@ -65,6 +65,7 @@ def predict_source(
     max_frames: int | None = None,
     watch: Callable[[Tally], None] = lambda tally: None,
     turn: Callable[[Frame, Camera], Camera] = lambda frame, camera: camera,
+    follow: Callable[[FrameBoats], FrameBoats] | None = None,
 ) -> Tally:
     """Predict every frame and write it; never more than two batches of frames are held.
 
@@ -78,6 +79,7 @@ def predict_source(
         max_frames: predict so many at most.
         watch: is shown the tally after each frame.
         turn: gives a frame's camera the attitude that it had then.
+        follow: adds to each frame, in order, the boats that are tracked in it; None tracks none.
 
     Raises:
         ValueError: the first frame does not fit the camera.
@@ -90,6 +92,8 @@ def predict_source(
             cameras = [turn(frame, predictor.native_camera(*frame.picture.shape[1::-1])) for frame in batch]
             pictures = predictor.predict([frame.picture for frame in batch], cameras)
         for found in map(FrameBoats, batch, pictures, cameras):
+            if follow is not None:
+                found = follow(found)
             with tally.timing("write"):
                 outputs.write(found)
             tally.count(found, estimator)

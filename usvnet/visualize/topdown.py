@@ -9,6 +9,7 @@ import torch
 from usvnet.evaluation.range_metrics import Z_90
 from usvnet.evaluation.records import BoatRecord, RangeRecord
 from usvnet.geometry.rays import level_rays
+from usvnet.tracking.tracker import Track
 from usvnet.types import Camera
 from usvnet.visualize.canvas import (
     GREY,
@@ -27,6 +28,7 @@ from usvnet.visualize.canvas import (
     text_size,
     translucent,
 )
+from usvnet.visualize.trails import draw_trail
 
 WEDGE, RING = (38, 58, 84), (96, 116, 140)
 STEPS_M = tuple(step * 10**power for power in range(4) for step in (1, 2, 5))
@@ -57,6 +59,7 @@ class TopDownChart:
         camera: Camera,
         unit: float,
         taken: Sequence[Rectangle],
+        tracks: Sequence[Track] = (),
     ) -> Rectangle:
         """Draw the chart into the corner of the canvas where it covers least.
 
@@ -67,6 +70,7 @@ class TopDownChart:
             camera: one (a batch of 1) of the canvas.
             unit: size of what is small.
             taken: places of the canvas that should stay free.
+            tracks: whose trails are shown.
 
         Returns:
             The chart's place.
@@ -95,6 +99,9 @@ class TopDownChart:
             words = f"{distance_m:g} m" if distance_m == rings_m[-1] else f"{distance_m:g}"
             end = _arc(eye, distance_m * px_per_m, left_rad, right_rad)[-1] + np.array([4.0, 4.0]) * unit
             text(canvas, words, (round(end[0]), round(end[1])), LABEL_SCALE * unit, GREY)
+        for track in tracks:
+            inside = np.hypot(*track.trail_m.T)[:, None] < self.reach_m
+            draw_trail(canvas, eye + np.where(inside, track.trail_m * (px_per_m, -px_per_m), np.nan), 0.7 * unit)
         for estimate, boat in sorted(ranges, key=lambda pair: -pair[0].horizontal_m):
             self._draw_boat(canvas, estimate, boat, camera, eye, px_per_m, unit)
         nose, side = np.array([0, -7.0]) * unit, np.array([4.5, 4.0]) * unit
