@@ -177,7 +177,7 @@ class RangeEstimate(NamedTuple):
     """(...) straight line to the point; inf where not valid."""
     slant_std_m: Tensor
     """(...) one standard deviation; inf where not valid. The geometry's is first order; a calibrated model scales it so
-    that ``slant_m`` +- 1.645 of it holds 90 % of the readings (:mod:`usvnet.intervals` has the rule and the raw one)."""
+    that ``slant_m`` +- 1.645 of it holds 90 % of the readings (:mod:`usvnet.intervals` has the rule and the raw)."""
     horizontal_m: Tensor
     """(...) along the water; inf where not valid."""
     bearing_rad: Tensor
