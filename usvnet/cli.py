@@ -73,7 +73,8 @@ def run(arguments: Sequence[str] | None = None) -> None:
         ValueError: an unknown command or option, or a value of the wrong type.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    settings = build_parser(needed=arguments).parse_args(arguments)
+    parser = build_parser(needed=arguments)
+    settings = parser.instantiate_classes(parser.parse_args(arguments))
     name: str = settings.subcommand
     command_function(name)(**vars(settings[name]))
 
