@@ -172,6 +172,18 @@ def test_the_horizon_turns_the_camera_where_it_is_seen(predict, folder, tmp_path
     assert "horizon seen 4" in capsys.readouterr().out
 
 
+def test_a_video_is_followed_and_pictures_are_not(predict, video, folder, capsys):
+    out = predict(video, "--track", "--tracking.lost-s", "1.5", "--batch-size", "4")
+    meta, frames = results(out)
+    assert names(out) == ["predictions.csv", "predictions.jsonl", "tracks.csv", "tracks.txt", "video.mp4"]
+    assert meta["tracking"]["lost_s"] == 1.5
+    assert all("track" in boat for frame in frames for boat in frame["boats"])
+    assert "boats followed" in capsys.readouterr().out
+    assert "track_id" not in (predict(video, "--save", "none") / "predictions.csv").read_text()
+    with pytest.raises(ValueError, match="track: pictures have no time"):
+        predict(folder, "--track")
+
+
 def test_ctrl_c_leaves_whole_files(predict, video, tmp_path, monkeypatch):
     count = command.Tally.count
 
@@ -241,6 +253,7 @@ def test_a_stream_that_does_not_come_back_leaves_whole_files(predict, tmp_path, 
         (["--max-frames", "0"], "max_frames: got 0"),
         (["--every", "0"], "every: got 0"),
         (["--save", "film"], "save"),
+        (["--track", "--tracking.lost-s", "0"], "tracking.lost_s: got 0"),
         (["--checkpoint", "no.ckpt"], "no.ckpt: no such checkpoint file"),
         (["--camera", "no.yaml"], "no.yaml"),
     ],

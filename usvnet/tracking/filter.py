@@ -1,17 +1,18 @@
 """One boat's Kalman filter: bearing and 1 / range in, state with covariance out.
 
-What is uncertain is of three kinds, and each is treated as what it is:
+What makes a sighting wrong is of two kinds, and both are states, in standard deviations, that forget themselves
+exponentially (first-order Gauss-Markov):
 
-- White noise (keypoints, waves) is new in every frame. Frames that follow faster than it changes repeat it, and count
-  for less accordingly.
-- The camera's own error (pitch, roll, height, focal length) is the same in all frames, or drifts slowly. Averaging does
-  not make it smaller, so it is a fifth state with a variance of 1, in standard deviations of 1 / range, which forgets
-  itself exponentially (first-order Gauss-Markov). Taken for white noise it would let a range seem ten times surer
-  after a hundred frames. Each boat has its own copy: what another boat would tell about the same error is left unused,
-  which keeps the boats apart, and is calibrated for each of them.
-- A boat's own manoeuvres are white acceleration (see :func:`usvnet.tracking.motion.wandering`).
+- What is the boat's own (keypoints, waves) changes within a second or less, one state for the bearing and one for
+  1 / range. Frames that follow faster than that repeat it and say little new; where each frame's is new, the time is 0,
+  and it is white noise.
+- The camera's error (pitch, roll, height, focal length) is the same in all frames or drifts slowly. Averaging does not
+  make it smaller: taken for white noise it would let a range seem ten times surer after a hundred frames. Each boat
+  has its own copy: what another boat would tell about the same error is left unused, which keeps the boats apart, and
+  is calibrated for each of them.
 
-The measurement is linear in the state; only the motion is linearised, which makes this an extended Kalman filter.
+A boat's own manoeuvres are white acceleration (see :func:`usvnet.tracking.motion.wandering`). The measurement is linear
+in the state; only the motion is linearised, which makes this an extended Kalman filter.
 """
 
 import math
@@ -21,11 +22,14 @@ import numpy as np
 
 from usvnet.tracking.motion import BEARING, INVERSE, FloatArray, advance, wandering
 
-COMMON = 4
-"""Place of the camera's error in the state."""
+SIZE = 7
+NOISE, CAMERA = slice(4, 6), 6
+"""Places of the errors in the state: the boat's own of bearing and of 1 / range, and the camera's of 1 / range."""
+ROUNDING = 1e-4
+"""Part of the variance of the boat's own error that is white, or two frames of one moment would be one too many."""
 LEAST_INVERSE_PER_M = 1e-5
 """A boat is never farther away than the reciprocal of this."""
-LOST_S = 1e4
+LONGEST_S = 1e4
 """A longer step than this says no more."""
 
 
@@ -34,13 +38,13 @@ class Sighting(NamedTuple):
 
     bearing_rad: float
     bearing_std_rad: float
-    """White noise."""
+    """Of the boat's own error."""
     inverse_per_m: float
     """1 / horizontal range; nan where the boat has no range, and only its bearing counts."""
     inverse_std_per_m: float
-    """White noise."""
+    """Of the boat's own error."""
     common_std_per_m: float
-    """What the camera's errors, the same in all frames, make of 1 / range."""
+    """Of what the camera's errors, the same in all frames, make of 1 / range."""
 
     @property
     def ranged(self) -> bool:
@@ -54,9 +58,7 @@ class Innovation(NamedTuple):
     difference: FloatArray
     """(2,) or, without a range, (1,)."""
     H: FloatArray
-    """(2 or 1, 5) derivative of the expected sighting to the state."""
-    noise: FloatArray
-    """(2 or 1,) white variances."""
+    """(2 or 1, 7) derivative of the expected sighting to the state."""
     S: FloatArray
     """Covariance of the difference."""
 
@@ -73,12 +75,13 @@ class BoatFilter:
         first: that sighting.
         speed_std_m_s: standard deviation of either component of a new boat's velocity.
         wander_m_s: how much either changes in one second (see :func:`usvnet.tracking.motion.wandering`).
-        noise_correlation_s: time in which white noise forgets itself; 0 where it is new in every frame.
+        noise_correlation_s: time in which the boat's own error changes; 0 where it is new in every frame.
         camera_correlation_s: time in which the camera's error does.
 
     Attributes:
-        state: (5,) bearing, 1 / range, bearing rate, relative range rate, and the camera's error.
-        P: (5, 5) its covariance.
+        state: (7,) bearing, 1 / range, bearing rate, relative range rate, and the errors.
+        P: (7, 7) its covariance.
+        unseen_s: time since it was last seen.
     """
 
     def __init__(
@@ -90,61 +93,62 @@ class BoatFilter:
         camera_correlation_s: float,
     ) -> None:
         self.wander_m_s = wander_m_s
-        self.noise_correlation_s = noise_correlation_s
-        self.camera_correlation_s = camera_correlation_s
-        self.state = np.array([first.bearing_rad, first.inverse_per_m, 0.0, 0.0, 0.0])
+        self.correlations_s = (noise_correlation_s, noise_correlation_s, camera_correlation_s)
+        self.state = np.array([first.bearing_rad, first.inverse_per_m, *[0.0] * (SIZE - 2)])
         rate = (speed_std_m_s * first.inverse_per_m) ** 2
-        inverse = first.inverse_std_per_m**2 + first.common_std_per_m**2
-        self.P = np.diag([first.bearing_std_rad**2, inverse, rate, rate, 1.0])
-        self.P[INVERSE, COMMON] = self.P[COMMON, INVERSE] = -first.common_std_per_m
+        self.P = np.diag([0.0, 0.0, rate, rate, 1.0, 1.0, 1.0])
+        by_error = -_sensitivity(first)[:, 4:]  # what is sighted is certain, so the boat is where the errors leave it
+        self.P[:2, 4:], self.P[4:, :2] = by_error, by_error.T
+        self.P[:2, :2] = by_error @ by_error.T + _rounding(first)
         self.unseen_s = 0.0
 
     def predict(self, dt_s: float) -> None:
         """Let time pass."""
-        dt_s = min(max(dt_s, 0.0), LOST_S)
+        dt_s = min(max(dt_s, 0.0), LONGEST_S)
         self.unseen_s += dt_s
-        kept = math.exp(-dt_s / self.camera_correlation_s)
-        F = np.eye(5)
+        kept = np.array([math.exp(-dt_s / time_s) if time_s else 0.0 for time_s in self.correlations_s])
+        F = np.diag([*[1.0] * 4, *kept])
         self.state[:4], F[:4, :4] = advance(self.state[:4], dt_s)
-        self.state[COMMON] *= kept
-        F[COMMON, COMMON] = kept
+        self.state[4:] *= kept
         self.P = F @ self.P @ F.T
         self.P[:4, :4] += wandering(self.state[:4], dt_s, self.wander_m_s)
-        self.P[COMMON, COMMON] += 1 - kept**2
+        self.P[4:, 4:] += np.diag(1 - kept**2)
         self._bound()
 
     def innovation(self, sighting: Sighting) -> Innovation:
         """Compare a sighting of now with what is expected."""
-        H = np.zeros((2, 5))
-        H[0, BEARING] = H[1, INVERSE] = 1.0
-        H[1, COMMON] = sighting.common_std_per_m
+        H = _sensitivity(sighting)
         difference = np.array([sighting.bearing_rad, sighting.inverse_per_m]) - H @ self.state
         difference[0] = math.remainder(difference[0], 2 * math.pi)
-        noise = np.array([sighting.bearing_std_rad, sighting.inverse_std_per_m]) ** 2
-        if not sighting.ranged:
-            difference, H, noise = difference[:1], H[:1], noise[:1]
-        return Innovation(difference, H, noise, H @ self.P @ H.T + np.diag(noise))
+        S = H @ self.P @ H.T + _rounding(sighting)
+        if sighting.ranged:
+            return Innovation(difference, H, S)
+        return Innovation(difference[:1], H[:1], S[:1, :1])
 
     def update(self, sighting: Sighting) -> None:
         """Learn from a sighting of now."""
-        found = self.innovation(sighting)
-        noise = np.diag(found.noise) * self._repetition()
-        S = found.H @ self.P @ found.H.T + noise
-        gain = np.linalg.solve(S, found.H @ self.P).T
-        self.state = self.state + gain @ found.difference
-        rest = np.eye(5) - gain @ found.H
-        self.P = rest @ self.P @ rest.T + gain @ noise @ gain.T  # Joseph's form stays positive
+        difference, H, S = self.innovation(sighting)
+        gain = np.linalg.solve(S, H @ self.P).T
+        self.state = self.state + gain @ difference
+        rest = np.eye(SIZE) - gain @ H
+        white = _rounding(sighting)[: len(H), : len(H)]
+        self.P = rest @ self.P @ rest.T + gain @ white @ gain.T  # Joseph's form stays positive
         self.unseen_s = 0.0
         self._bound()
-
-    def _repetition(self) -> float:
-        """As many sightings with this noise as say no more than one with new noise."""
-        if not self.noise_correlation_s:
-            return 1.0
-        return 1 / math.tanh(
-            max(self.unseen_s, 1e-3) / (2 * self.noise_correlation_s)
-        )  # (1 + r) / (1 - r), r its correlation
 
     def _bound(self) -> None:
         self.state[BEARING] = math.remainder(self.state[BEARING], 2 * math.pi)
         self.state[INVERSE] = max(self.state[INVERSE], LEAST_INVERSE_PER_M)
+
+
+def _sensitivity(sighting: Sighting) -> FloatArray:
+    """Derivative (2, 7) of bearing and 1 / range to the state."""
+    H = np.zeros((2, SIZE))
+    H[0, BEARING] = H[1, INVERSE] = 1.0
+    H[:, NOISE] = np.diag([sighting.bearing_std_rad, sighting.inverse_std_per_m])
+    H[1, CAMERA] = sighting.common_std_per_m
+    return H
+
+
+def _rounding(sighting: Sighting) -> FloatArray:
+    return np.diag([sighting.bearing_std_rad**2, sighting.inverse_std_per_m**2]) * ROUNDING
