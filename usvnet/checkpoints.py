@@ -31,12 +31,13 @@ def read_checkpoint(path: Path | str) -> dict[str, Any]:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such checkpoint file")
     try:
-        if not zipfile.is_zipfile(path):  # torch.load takes older formats too, and fails on them in many ways
+        if not zipfile.is_zipfile(path):  # torch.load takes older formats too
             raise pickle.UnpicklingError("not a zip archive")
         checkpoint = torch.load(path, map_location="cpu", weights_only=True)
-    except (pickle.UnpicklingError, RuntimeError) as error:
+    except Exception as error:  # a damaged pickle leads torch.load to nearly every kind of error
         raise ValueError(f"{path}: got a file that is not a checkpoint, expected one written by train.py") from error
-    if not isinstance(checkpoint, dict) or not {STAMP, "state_dict"} <= checkpoint.keys():
+    stamp, weights = (checkpoint.get(key) for key in (STAMP, "state_dict")) if isinstance(checkpoint, dict) else (0, 0)
+    if not isinstance(stamp, dict) or not isinstance(weights, dict) or not isinstance(stamp.get("variant"), str):
         raise ValueError(f"{path}: got a checkpoint of something else, expected one written by train.py")
     return checkpoint
 
@@ -70,11 +71,16 @@ def load_model(path: Path | str, variant: str | None = None) -> USVNet:
     if variant is not None:
         check_variant(path, checkpoint, variant)
     stamp = checkpoint[STAMP]
-    model = USVNet(stamp["variant"], curved_water=stamp["curved_water"])
+    if not isinstance(stamp.get("curved_water"), bool):
+        raise ValueError(f"{path}: curved_water is {stamp.get('curved_water')!r}, expected True or False")
+    try:
+        model = USVNet(stamp["variant"], curved_water=stamp["curved_water"])
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
     weights = {
         name.removeprefix(MODEL_PREFIX): value
         for name, value in checkpoint["state_dict"].items()
-        if name.startswith(MODEL_PREFIX)
+        if str(name).startswith(MODEL_PREFIX)
     }
     try:
         model.load_state_dict(weights, strict=True)
@@ -83,7 +89,7 @@ def load_model(path: Path | str, variant: str | None = None) -> USVNet:
         raise ValueError(f"{path}: its weights do not fit a network of size {stamp['variant']!r}: {reason}") from error
     try:
         model.intervals.set_factors({name: IntervalFactors(*row) for name, row in stamp.get("intervals", {}).items()})
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError, RuntimeError) as error:
         raise ValueError(f"{path}: {error}") from error
     return model.eval()
 

@@ -72,20 +72,21 @@ def read_predictions(path: Path | str, meta: Meta | None = None) -> list[Picture
     """
     path = Path(path)
     pictures = []
-    with path.open(encoding="utf-8") as file:
+    read_meta(path)
+    with path.open(encoding="utf-8", errors="replace") as file:
         for number, line in enumerate(file, start=1):
             try:
                 content = json.loads(line)
                 if number == 1:
-                    found = content["meta"]
+                    found = _meta_of(content)
                     factors = {name: IntervalFactors(*row) for name, row in found.get("intervals", {}).items()}
                 else:
                     pictures.append(
                         PicturePrediction(
-                            content["image"], [boat_from_json(boat, factors) for boat in content["boats"]]
+                            str(content["image"]), [boat_from_json(boat, factors) for boat in content["boats"]]
                         )
                     )
-            except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
+            except _DAMAGE as error:
                 raise ValueError(f"{path}:{number}: not a line of a predictions file ({error!r})") from error
             if number == 1 and meta is not None:
                 _check_meta(path, found, meta)
@@ -100,11 +101,21 @@ def read_meta(path: Path | str) -> Meta:
         ValueError: the file does not begin as one.
     """
     path = Path(path)
-    with path.open(encoding="utf-8") as file:
+    with path.open(encoding="utf-8", errors="replace") as file:
         try:
-            meta: Meta = json.loads(file.readline())["meta"]
-        except (json.JSONDecodeError, KeyError, TypeError, UnicodeDecodeError) as error:
+            return _meta_of(json.loads(file.readline()))
+        except _DAMAGE as error:
             raise ValueError(f"{path}:1: not the first line of a predictions file ({error!r})") from error
+
+
+_DAMAGE = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
+"""What a line that is not ours leads to, as JSON or as a boat."""
+
+
+def _meta_of(content: Any) -> Meta:
+    meta: Meta = content["meta"]
+    if not isinstance(meta, dict):
+        raise TypeError(f"meta is {type(meta).__name__}, expected a mapping")
     return meta
 
 

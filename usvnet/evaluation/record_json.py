@@ -21,7 +21,7 @@ import numpy as np
 
 from usvnet.evaluation.records import ESTIMATORS, BoatRecord, FloatArray, RangeRecord
 from usvnet.intervals import UNCALIBRATED, IntervalFactors
-from usvnet.types import Reason
+from usvnet.types import NUM_KEYPOINTS, Reason
 
 
 def boat_to_json(boat: BoatRecord) -> dict[str, Any]:
@@ -81,13 +81,14 @@ def boat_from_json(boat: dict[str, Any], factors: Mapping[str, IntervalFactors] 
     Raises:
         KeyError, TypeError, ValueError: it is not a boat's.
     """
-    covariance, known = _array(boat["keypoint_covariance_px2"]), factors or {}
+    known = factors or {}
+    covariance = _array(boat["keypoint_covariance_px2"], NUM_KEYPOINTS, 3)
     return BoatRecord(
-        box_px=_array(boat["box_px"]),
-        score=boat["score"],
-        keypoints_px=_array(boat["keypoints_px"]),
+        box_px=_array(boat["box_px"], 4),
+        score=float(boat["score"]),
+        keypoints_px=_array(boat["keypoints_px"], NUM_KEYPOINTS, 2),
         keypoint_covariance_px2=covariance[:, [0, 1, 1, 2]].reshape(-1, 2, 2),
-        visibility=_array(boat["visibility"]),
+        visibility=_array(boat["visibility"], NUM_KEYPOINTS),
         ranges={name: _range_from_json(boat[name], known.get(name, UNCALIBRATED)) for name in ESTIMATORS},
         heading_rad=math.radians(_number(boat["heading_deg"])),
         heading_std_rad=math.radians(_number(boat["heading_std_deg"])),
@@ -96,12 +97,14 @@ def boat_from_json(boat: dict[str, Any], factors: Mapping[str, IntervalFactors] 
 
 
 def _range_from_json(estimate: dict[str, Any], factors: IntervalFactors) -> RangeRecord:
+    if not isinstance(estimate["valid"], bool):
+        raise TypeError(f"valid is {estimate['valid']!r}, expected true or false")
     return RangeRecord(
         slant_m=float(_array(estimate["slant_m"])),
         slant_std_m=float(_array(estimate["slant_std_m"])),
         horizontal_m=float(_array(estimate["horizontal_m"])),
         bearing_rad=math.radians(estimate["bearing_deg"]),
-        position_m=_array(estimate["position_m"]),
+        position_m=_array(estimate["position_m"], 3),
         valid=estimate["valid"],
         reason=Reason[estimate["reason"].upper()],
         factors=factors,
@@ -120,7 +123,9 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def _array(values: Any) -> FloatArray:
-    """Undo :func:`compact`; None comes back as infinity."""
+def _array(values: Any, *shape: int) -> FloatArray:
+    """Undo :func:`compact` for numbers of this shape; None comes back as infinity."""
     array = np.array(values, dtype=float)  # None becomes nan
+    if array.shape != shape:
+        raise ValueError(f"numbers of the shape {array.shape}, expected {shape}")
     return np.where(np.isnan(array), np.inf, array)

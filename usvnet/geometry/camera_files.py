@@ -29,6 +29,7 @@ from usvnet.geometry.yaml_files import (
     read_mapping,
     refuse_unknown,
     require,
+    short,
 )
 from usvnet.types import Camera
 
@@ -48,7 +49,7 @@ def load_camera(path: Path | str) -> Camera:
     content = read_mapping(path)
     model = content.get("distortion_model", DISTORTION_MODELS[0])
     if model not in DISTORTION_MODELS:
-        raise ValueError(f"{path}: distortion_model: expected {' or '.join(DISTORTION_MODELS)}, got {model!r}")
+        raise ValueError(f"{path}: distortion_model: expected {' or '.join(DISTORTION_MODELS)}, got {short(model)}")
     numbers = _matrix(content, "camera_matrix", path)
     if len(numbers) != 9:
         raise ValueError(f"{path}: camera_matrix: expected 9 numbers, got {len(numbers)}")
