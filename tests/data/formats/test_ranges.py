@@ -38,6 +38,8 @@ def test_every_column_is_read(tmp_path: Path):
         ("range_m", "", "range_m is empty"),
         ("range_m,range_std_m", "4,-0.1", "range_std_m is -0.1"),
         ("range_m,instance", "4,-1", "instance is -1"),
+        ("range_m,instance", "4," + "9" * 400, "instance is 9+, expected a finite number"),
+        ("range_m,instance", "1e300,0", r"range_m is 1e300, expected a finite number"),
         ("range_m,instance", "4,1.5", "instance is '1.5', expected a number"),
         ("range_m,reference", "4,mast", "reference is mast, expected one of nearest_waterline, bow"),
         ("range_m,pitch_deg", "4,nan", "pitch_deg is nan"),

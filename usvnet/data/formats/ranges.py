@@ -5,7 +5,6 @@ degrees. An empty cell is the same as a column that is not there.
 """
 
 import csv
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +16,8 @@ from usvnet.types import KEYPOINT_NAMES, NEAREST_WATERLINE
 ATTITUDE_COLUMNS = ("pitch_deg", "roll_deg", "pitch_std_deg", "roll_std_deg")
 RANGE_COLUMNS = ("image", "range_m", "range_std_m", "instance", "reference", "scene", *ATTITUDE_COLUMNS)
 REFERENCES = {"nearest_waterline": NEAREST_WATERLINE, **{name: i for i, name in enumerate(KEYPOINT_NAMES)}}
+TOO_LARGE = 2**63
+"""What no float32 and no index holds is no measurement."""
 
 Number = TypeVar("Number", int, float)
 
@@ -138,6 +139,6 @@ def _number(row: dict[str, str], key: str, kind: Callable[[str], Number]) -> Num
         value = kind(row[key])
     except ValueError:
         raise ValueError(f"{key} is '{row[key]}', expected a number") from None
-    if not math.isfinite(value):
+    if not abs(value) < TOO_LARGE:
         raise ValueError(f"{key} is {row[key]}, expected a finite number")
     return value

@@ -26,7 +26,7 @@ from usvnet.data.formats.exports import (
     read_text_labels,
     refuse_several_classes,
 )
-from usvnet.data.formats.ranges import REFERENCES
+from usvnet.data.formats.ranges import REFERENCES, TOO_LARGE
 from usvnet.data.pictures import SUFFIXES
 from usvnet.data.records import SPLITS, Faults, RangeReading
 
@@ -178,7 +178,7 @@ def _number(row: dict[str, str], key: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not abs(value) < TOO_LARGE:
         raise ValueError(f"{key} is {text}, expected a number of metres")
     return value
 
