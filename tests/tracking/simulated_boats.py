@@ -19,7 +19,8 @@ class Sea:
         wander_m_s: as of the filter.
         pitch_std_rad: of the camera.
         camera_correlation_s: time in which that error changes.
-        noise_correlation_s: time in which keypoint errors and waves change.
+        lasting_share: part of the variance of keypoint errors and waves that lasts ...
+        noise_correlation_s: ... for so long.
     """
 
     def __init__(
@@ -29,7 +30,8 @@ class Sea:
         wander_m_s=0.1,
         pitch_std_rad=0.0035,
         camera_correlation_s=60.0,
-        noise_correlation_s=0.0,
+        lasting_share=0.0,
+        noise_correlation_s=0.5,
     ):
         self.motions = np.array(motions, float)
         self.rng = rng
@@ -37,8 +39,9 @@ class Sea:
         self.pitch_std_rad = pitch_std_rad
         self.pitch = rng.normal()
         self.camera_correlation_s = camera_correlation_s
+        self.lasting_share = lasting_share
         self.noise_correlation_s = noise_correlation_s
-        self.noise = rng.normal(size=(len(motions), 3))
+        self.lasting = rng.normal(size=(len(motions), 3))
 
     def advance(self, dt_s):
         n = len(self.motions)
@@ -47,7 +50,7 @@ class Sea:
         self.motions[:, :2] += self.motions[:, 2:] * dt_s + shocks[:, 0]
         self.motions[:, 2:] += shocks[:, 1]
         self.pitch = drift(self.rng, self.pitch, dt_s, self.camera_correlation_s)
-        self.noise = drift(self.rng, self.noise, dt_s, self.noise_correlation_s)
+        self.lasting = drift(self.rng, self.lasting, dt_s, self.noise_correlation_s)
 
     @property
     def states(self):
@@ -55,7 +58,9 @@ class Sea:
 
     def sight(self):
         """What is seen of each boat; the stated sigmas are those at the range that is read, as in practice."""
-        return [self._sight(state, noise) for state, noise in zip(self.states, self.noise)]
+        white = self.rng.normal(size=self.lasting.shape) * math.sqrt(1 - self.lasting_share)
+        noises = white + self.lasting * math.sqrt(self.lasting_share)
+        return [self._sight(state, noise) for state, noise in zip(self.states, noises)]
 
     def _sight(self, state, noise):
         bearing, inverse = state[:2]
@@ -70,5 +75,5 @@ class Sea:
 
 def drift(rng, value, dt_s, correlation_s):
     """A first-order Gauss-Markov process of variance 1, one step on."""
-    kept = math.exp(-dt_s / correlation_s) if correlation_s else 0.0
+    kept = math.exp(-dt_s / correlation_s)
     return kept * value + math.sqrt(1 - kept**2) * rng.normal(size=np.shape(value))

@@ -16,15 +16,15 @@ SPEED_STD_M_S, WANDER_M_S, CAMERA_S = 3.0, 0.1, 60.0
 class Consistency:
     """Follows boats, each alone, with irregular steps and a fifth of the frames missing, and compares."""
 
-    def __init__(self, boats=120, steps=24, step_s=0.15, noise_s=0.0, believed=lambda sighting: sighting, seed=0):
+    def __init__(self, boats=120, steps=24, step_s=0.15, lasting=0.0, believed=lambda sighting: sighting, seed=0):
         rng = np.random.default_rng(seed)
         self.nees, self.nis, self.inside = [], [], []
         for _ in range(boats):
             distance_m, bearing = rng.uniform(15, 50), rng.uniform(-0.4, 0.4)
             place = (distance_m * math.sin(bearing), distance_m * math.cos(bearing))
             velocity = rng.normal(0, SPEED_STD_M_S, 2)
-            sea = Sea([(*place, *velocity)], rng, WANDER_M_S, noise_correlation_s=noise_s)
-            follower = BoatFilter(believed(sea.sight()[0]), SPEED_STD_M_S, WANDER_M_S, noise_s, CAMERA_S)
+            sea = Sea([(*place, *velocity)], rng, WANDER_M_S, lasting_share=lasting)
+            follower = BoatFilter(believed(sea.sight()[0]), SPEED_STD_M_S, WANDER_M_S, lasting, 0.5, CAMERA_S)
             for _ in range(steps):
                 dt_s = step_s * rng.uniform(0.2, 1.8)
                 sea.advance(dt_s)
@@ -57,14 +57,14 @@ def test_errors_are_as_large_as_claimed():
 
 
 def test_errors_that_last_for_several_frames_are_not_averaged_away():
-    seen = Consistency(noise_s=0.5, boats=80)
+    seen = Consistency(lasting=0.7, boats=80)
     assert 0.75 < np.mean(seen.nees) / 4 < 1.3
     assert 0.9 < np.mean(seen.nis) / 2 < 1.1
 
 
 def test_a_later_sighting_is_never_worth_less_than_the_first():
     seen = Sighting(0.1, 0.002, 0.1, 0.005, 0.003)
-    follower = BoatFilter(seen, 5.0, 0.3, 0.5, 60.0)
+    follower = BoatFilter(seen, 5.0, 0.3, 0.5, 0.5, 60.0)
     first = follower.P[:2, :2].copy()
     for _ in range(30):
         follower.predict(0.1)
@@ -83,7 +83,7 @@ def test_a_camera_error_taken_for_noise_makes_overconfident():
 
 
 def test_range_is_never_surer_than_the_camera():
-    follower = BoatFilter(Sighting(0.1, 0.001, 0.02, 0.001, 0.0005), 1.0, 0.01, 0.0, 1e6)
+    follower = BoatFilter(Sighting(0.1, 0.001, 0.02, 0.001, 0.0005), 1.0, 0.01, 0.0, 0.5, 1e6)
     for _ in range(400):
         follower.predict(0.1)
         follower.update(Sighting(0.1, 0.001, 0.02, 0.001, 0.0005))
@@ -92,7 +92,7 @@ def test_range_is_never_surer_than_the_camera():
 
 
 def test_bearing_alone_teaches_the_bearing():
-    follower = BoatFilter(Sighting(0.1, 0.01, 0.02, 0.001, 0.0005), 1.0, 0.1, 0.0, 60.0)
+    follower = BoatFilter(Sighting(0.1, 0.01, 0.02, 0.001, 0.0005), 1.0, 0.1, 0.0, 0.5, 60.0)
     follower.predict(0.1)
     before = follower.P.copy()
     follower.update(Sighting(0.11, 0.001, math.nan, math.nan, math.nan))
@@ -102,6 +102,6 @@ def test_bearing_alone_teaches_the_bearing():
 
 
 def test_bearings_behind_the_camera_do_not_turn_around():
-    follower = BoatFilter(Sighting(math.pi - 0.001, 0.01, 0.02, 0.001, 0.0), 1.0, 0.1, 0.0, 60.0)
+    follower = BoatFilter(Sighting(math.pi - 0.001, 0.01, 0.02, 0.001, 0.0), 1.0, 0.1, 0.0, 0.5, 60.0)
     follower.update(Sighting(-math.pi + 0.001, 0.01, 0.02, 0.001, 0.0))
     assert abs(follower.state[0]) == pytest.approx(math.pi, abs=0.001)

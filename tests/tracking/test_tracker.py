@@ -9,7 +9,7 @@ from tracking.simulated_boats import Sea
 from usvnet.tracking.filter import Sighting
 from usvnet.tracking.tracker import Tracker, TrackingConfig, track_of
 
-CONFIG = TrackingConfig(noise_correlation_s=0.0, wander_m_s=0.1)
+CONFIG = TrackingConfig(lasting_share=0.0, wander_m_s=0.1)
 CROSSING = [(-8.0, 30.0, 2.0, 0.0), (8.0, 30.6, -2.0, 0.0), (0.0, 50.0, 0.0, -2.0)]
 
 
@@ -44,6 +44,17 @@ def test_crossing_boats_among_missed_and_false_detections():
     for boats in owners.values():
         assert boats.count(boats[0]) / len(boats) > 0.97
     assert np.median(nees) < 7.8  # 90 % quantile of chi-squared with 4 degrees of freedom
+
+
+@pytest.mark.parametrize("lasting_share", [0.0, 0.9])
+def test_boats_are_told_apart_however_long_their_errors_last(lasting_share):
+    """The rules believe in a half: a boat must not break in two where it is none or nearly all."""
+    sea = Sea(CROSSING[:1], np.random.default_rng(2), lasting_share=lasting_share)
+    tracker = Tracker(TrackingConfig(wander_m_s=0.1))
+    for n in range(150):
+        sea.advance(0.05)
+        tracks = tracker.step(0.05 * n, sea.sight())
+    assert tracker.confirmed == len(tracks) == 1
 
 
 def test_a_boat_is_confirmed_when_it_was_seen_often_enough():
@@ -117,7 +128,7 @@ def test_a_closing_boat_says_when_and_how_near():
         ({"gate_probability": 1.0}, "gate_probability: got 1"),
         ({"lost_s": 0.0}, "lost_s: got 0"),
         ({"camera_correlation_s": math.inf}, "camera_correlation_s: got inf"),
-        ({"noise_correlation_s": -1.0}, "noise_correlation_s: got -1"),
+        ({"lasting_share": 1.0}, "lasting_share: got 1, expected from 0 to below 1"),
     ],
 )
 def test_rules_that_make_no_sense(rules, sentence):

@@ -35,7 +35,7 @@ def associate(filters: Sequence[BoatFilter], sightings: Sequence[Sighting], gate
         cost = np.full((len(boats), len(seen)), NEVER)
         for row, i in enumerate(boats):
             for column, j in enumerate(seen):
-                found = filters[i].innovation(sightings[j])
+                found = filters[i].innovation(sightings[j], lasting_share=0.0)
                 squared = found.squared
                 if squared <= gate:
                     cost[row, column] = squared + math.log(np.linalg.det(found.S))

@@ -1,11 +1,11 @@
 """One boat's Kalman filter: bearing and 1 / range in, state with covariance out.
 
-What makes a sighting wrong is of two kinds, and both are states, in standard deviations, that forget themselves
-exponentially (first-order Gauss-Markov):
+What makes a sighting wrong is of two kinds. What lasts of either is a state, in standard deviations, that forgets
+itself exponentially (first-order Gauss-Markov):
 
-- What is the boat's own (keypoints, waves) changes within a second or less, one state for the bearing and one for
-  1 / range. Frames that follow faster than that repeat it and say little new; where each frame's is new, the time is 0,
-  and it is white noise.
+- What is the boat's own (keypoints, waves) is in part new in every frame, and so white noise, and in part lasts for a
+  fraction of a second: one state for the bearing and one for 1 / range. Frames that follow faster repeat it, and say
+  little new.
 - The camera's error (pitch, roll, height, focal length) is the same in all frames or drifts slowly. Averaging does not
   make it smaller: taken for white noise it would let a range seem ten times surer after a hundred frames. Each boat
   has its own copy: what another boat would tell about the same error is left unused, which keeps the boats apart, and
@@ -25,8 +25,6 @@ from usvnet.tracking.motion import BEARING, INVERSE, FloatArray, advance, wander
 SIZE = 7
 NOISE, CAMERA = slice(4, 6), 6
 """Places of the errors in the state: the boat's own of bearing and of 1 / range, and the camera's of 1 / range."""
-ROUNDING = 1e-4
-"""Part of the variance of the boat's own error that is white, or two frames of one moment would be one too many."""
 LEAST_INVERSE_PER_M = 1e-5
 """A boat is never farther away than the reciprocal of this."""
 LONGEST_S = 1e4
@@ -59,6 +57,8 @@ class Innovation(NamedTuple):
     """(2,) or, without a range, (1,)."""
     H: FloatArray
     """(2 or 1, 7) derivative of the expected sighting to the state."""
+    white: FloatArray
+    """(2 or 1,) variance of the white noise."""
     S: FloatArray
     """Covariance of the difference."""
 
@@ -75,7 +75,8 @@ class BoatFilter:
         first: that sighting.
         speed_std_m_s: standard deviation of either component of a new boat's velocity.
         wander_m_s: how much either changes in one second (see :func:`usvnet.tracking.motion.wandering`).
-        noise_correlation_s: time in which the boat's own error changes; 0 where it is new in every frame.
+        lasting_share: part of the variance of the boat's own error that lasts, from 0 to below 1.
+        noise_correlation_s: for so long.
         camera_correlation_s: time in which the camera's error does.
 
     Attributes:
@@ -89,24 +90,27 @@ class BoatFilter:
         first: Sighting,
         speed_std_m_s: float,
         wander_m_s: float,
+        lasting_share: float,
         noise_correlation_s: float,
         camera_correlation_s: float,
     ) -> None:
         self.wander_m_s = wander_m_s
+        self.lasting_share = lasting_share
         self.correlations_s = (noise_correlation_s, noise_correlation_s, camera_correlation_s)
         self.state = np.array([first.bearing_rad, first.inverse_per_m, *[0.0] * (SIZE - 2)])
         rate = (speed_std_m_s * first.inverse_per_m) ** 2
         self.P = np.diag([0.0, 0.0, rate, rate, 1.0, 1.0, 1.0])
-        by_error = -_sensitivity(first)[:, 4:]  # what is sighted is certain, so the boat is where the errors leave it
+        H, white = _model(first, lasting_share)
+        by_error = -H[:, 4:]  # what is sighted is known, so the boat is where the errors leave it
         self.P[:2, 4:], self.P[4:, :2] = by_error, by_error.T
-        self.P[:2, :2] = by_error @ by_error.T + _rounding(first)
+        self.P[:2, :2] = by_error @ by_error.T + np.diag(white)
         self.unseen_s = 0.0
 
     def predict(self, dt_s: float) -> None:
         """Let time pass."""
         dt_s = min(max(dt_s, 0.0), LONGEST_S)
         self.unseen_s += dt_s
-        kept = np.array([math.exp(-dt_s / time_s) if time_s else 0.0 for time_s in self.correlations_s])
+        kept = np.exp(-dt_s / np.array(self.correlations_s))
         F = np.diag([*[1.0] * 4, *kept])
         self.state[:4], F[:4, :4] = advance(self.state[:4], dt_s)
         self.state[4:] *= kept
@@ -115,24 +119,28 @@ class BoatFilter:
         self.P[4:, 4:] += np.diag(1 - kept**2)
         self._bound()
 
-    def innovation(self, sighting: Sighting) -> Innovation:
-        """Compare a sighting of now with what is expected."""
-        H = _sensitivity(sighting)
+    def innovation(self, sighting: Sighting, lasting_share: float | None = None) -> Innovation:
+        """Compare a sighting of now with what is expected.
+
+        Args:
+            sighting: it may be another boat's.
+            lasting_share: in place of the filter's own. With 0, nothing is expected of the boat's own error: then S is
+                true whether that lasts or not, and safe to tell boats apart by.
+        """
+        H, white = _model(sighting, self.lasting_share if lasting_share is None else lasting_share)
         difference = np.array([sighting.bearing_rad, sighting.inverse_per_m]) - H @ self.state
         difference[0] = math.remainder(difference[0], 2 * math.pi)
-        S = H @ self.P @ H.T + _rounding(sighting)
-        if sighting.ranged:
-            return Innovation(difference, H, S)
-        return Innovation(difference[:1], H[:1], S[:1, :1])
+        size = 2 if sighting.ranged else 1
+        difference, H, white = difference[:size], H[:size], white[:size]
+        return Innovation(difference, H, white, H @ self.P @ H.T + np.diag(white))
 
     def update(self, sighting: Sighting) -> None:
         """Learn from a sighting of now."""
-        difference, H, S = self.innovation(sighting)
+        difference, H, white, S = self.innovation(sighting)
         gain = np.linalg.solve(S, H @ self.P).T
         self.state = self.state + gain @ difference
         rest = np.eye(SIZE) - gain @ H
-        white = _rounding(sighting)[: len(H), : len(H)]
-        self.P = rest @ self.P @ rest.T + gain @ white @ gain.T  # Joseph's form stays positive
+        self.P = rest @ self.P @ rest.T + (gain * white) @ gain.T  # Joseph's form stays positive
         self.unseen_s = 0.0
         self._bound()
 
@@ -141,14 +149,11 @@ class BoatFilter:
         self.state[INVERSE] = max(self.state[INVERSE], LEAST_INVERSE_PER_M)
 
 
-def _sensitivity(sighting: Sighting) -> FloatArray:
-    """Derivative (2, 7) of bearing and 1 / range to the state."""
+def _model(sighting: Sighting, lasting_share: float) -> tuple[FloatArray, FloatArray]:
+    """Derivative (2, 7) of bearing and 1 / range to the state, and the variances (2,) of their white noise."""
+    stds = np.array([sighting.bearing_std_rad, sighting.inverse_std_per_m])
     H = np.zeros((2, SIZE))
     H[0, BEARING] = H[1, INVERSE] = 1.0
-    H[:, NOISE] = np.diag([sighting.bearing_std_rad, sighting.inverse_std_per_m])
+    H[:, NOISE] = np.diag(stds) * math.sqrt(lasting_share)
     H[1, CAMERA] = sighting.common_std_per_m
-    return H
-
-
-def _rounding(sighting: Sighting) -> FloatArray:
-    return np.diag([sighting.bearing_std_rad**2, sighting.inverse_std_per_m**2]) * ROUNDING
+    return H, (1 - lasting_share) * stds**2

@@ -26,8 +26,9 @@ class TrackingConfig:
         gate_probability: that a boat's own sighting is accepted as such; farther ones begin a new boat.
         speed_std_m_s: standard deviation of either component of a new boat's velocity relative to the camera.
         wander_m_s: standard deviation of the change of either component in one second.
-        noise_correlation_s: time in which waves and keypoint errors change: faster frames say little new. 0 where each
-            frame's are new.
+        lasting_share: part of the variance of a boat's own error (waves, keypoints) that lasts; the rest is new in
+            every frame.
+        noise_correlation_s: it lasts for so long: faster frames say little new about it.
         camera_correlation_s: time in which the error of the camera's pitch and roll changes: long for a fixed mount,
             a second or two for one that rocks without an IMU or horizon.
         trail_s: length of the trail that is drawn.
@@ -39,6 +40,7 @@ class TrackingConfig:
     gate_probability: float = 0.999
     speed_std_m_s: float = 5.0
     wander_m_s: float = 0.3
+    lasting_share: float = 0.5
     noise_correlation_s: float = 0.5
     camera_correlation_s: float = 60.0
     trail_s: float = 10.0
@@ -50,12 +52,11 @@ class TrackingConfig:
             )
         if not 0 < self.gate_probability < 1:
             raise ValueError(f"tracking.gate_probability: got {self.gate_probability:g}, expected between 0 and 1")
-        for name in ("lost_s", "speed_std_m_s", "wander_m_s", "camera_correlation_s"):
+        for name in ("lost_s", "speed_std_m_s", "wander_m_s", "noise_correlation_s", "camera_correlation_s", "trail_s"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ValueError(f"tracking.{name}: got {getattr(self, name):g}, expected a finite number above 0")
-        for name in ("noise_correlation_s", "trail_s"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"tracking.{name}: got {getattr(self, name):g}, expected seconds, at least 0")
+        if not 0 <= self.lasting_share < 1:
+            raise ValueError(f"tracking.lasting_share: got {self.lasting_share:g}, expected from 0 to below 1")
 
 
 class Track(NamedTuple):
@@ -123,13 +124,15 @@ class Tracker:
             boat.filter.predict(time_s - self.time_s)
         self.time_s = time_s
         self._boats = [boat for boat in self._boats if boat.filter.unseen_s <= self.config.lost_s]
-        pairs = associate([boat.filter for boat in self._boats], sightings, self.config.gate_probability)
-        for place, boat in enumerate(self._boats):
-            boat.sighting = pairs.get(place)
-            boat.hits.append(boat.sighting is not None)
-            if boat.sighting is not None:
-                boat.filter.update(sightings[boat.sighting])
-        for place in sorted(set(range(len(sightings))) - set(pairs.values())):
+        free = list(range(len(sightings)))
+        for known in (True, False):  # a boat that is not confirmed takes nothing away from one that is
+            boats = [boat for boat in self._boats if bool(boat.number) == known]
+            offered = [sightings[place] for place in free]
+            pairs = associate([boat.filter for boat in boats], offered, self.config.gate_probability)
+            for number, boat in enumerate(boats):
+                boat.see(free[pairs[number]] if number in pairs else None, sightings)
+            free = [place for number, place in enumerate(free) if number not in pairs.values()]
+        for place in free:
             if sightings[place].ranged:
                 self._boats.append(_Boat(self._filter(sightings[place]), time_s, place, self.config.confirm_frames))
         self._boats = [boat for boat in self._boats if boat.number or self._confirm(boat)]
@@ -138,8 +141,8 @@ class Tracker:
 
     def _filter(self, first: Sighting) -> BoatFilter:
         config = self.config
-        noise_s, camera_s = config.noise_correlation_s, config.camera_correlation_s
-        return BoatFilter(first, config.speed_std_m_s, config.wander_m_s, noise_s, camera_s)
+        lasting = (config.lasting_share, config.noise_correlation_s, config.camera_correlation_s)
+        return BoatFilter(first, config.speed_std_m_s, config.wander_m_s, *lasting)
 
     def _confirm(self, boat: "_Boat") -> bool:
         """Number a boat that was seen often enough; returns whether to keep it."""
@@ -160,6 +163,13 @@ class _Boat:
         self.number = 0
         self.hits = deque([True], maxlen=remembered)
         self.trail: deque[tuple[float, FloatArray]] = deque()
+
+    def see(self, sighting: int | None, sightings: Sequence[Sighting]) -> None:
+        """Take in a frame: the sighting at that place, or that there is none."""
+        self.sighting = sighting
+        self.hits.append(sighting is not None)
+        if sighting is not None:
+            self.filter.update(sightings[sighting])
 
     def now(self, time_s: float, trail_s: float) -> Track:
         """Say where it is and where it goes."""
