@@ -25,7 +25,7 @@ from usvnet.visualize.scene import SceneDrawer
 
 LINES, TABLE, VIDEO, PICTURES = "predictions.jsonl", "predictions.csv", "video.mp4", "pictures"
 TRACK_TABLE, MOT_TEXT = "tracks.csv", "tracks.txt"
-FIXED = TrackingConfig()
+RULES = TrackingConfig()
 
 
 def predict(
@@ -47,7 +47,7 @@ def predict(
     save: Literal["auto", "pictures", "video", "none"] = "auto",
     show_topdown: bool = True,
     track: bool = False,
-    tracking: TrackingConfig = FIXED,
+    tracking: TrackingConfig = RULES,
     device: str | None = None,
 ) -> None:
     """Find the boats in pictures or a video, and say how far away they are and how sure that is.
@@ -77,7 +77,8 @@ def predict(
         show_topdown: Draw the chart that shows the boats from above.
         track: Follow the boats of a video or stream from frame to frame: numbers, smoothed ranges with intervals,
             closing speed and closest point of approach, also in tracks.csv and, as MOTChallenge text, in tracks.txt.
-        tracking: Rules of that.
+            All is relative to the camera, which should not turn.
+        tracking: When a boat counts as one, how long it is believed in, and how it may move.
         device: Where to compute, e.g. cpu or cuda:1; the first GPU where there is one.
 
     Raises:
