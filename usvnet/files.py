@@ -36,8 +36,7 @@ def atomic_folder(path: Path | str) -> Iterator[Path]:
         ValueError: there is something at ``path`` already.
     """
     path = Path(path)
-    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
-        raise ValueError(f"{path}: there already, expected the name of a new folder")
+    expect_new_folder(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
     try:
@@ -46,6 +45,16 @@ def atomic_folder(path: Path | str) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def expect_new_folder(path: Path) -> None:
+    """Insist that there is nothing at ``path``, or an empty folder.
+
+    Raises:
+        ValueError: there is something.
+    """
+    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+        raise ValueError(f"{path}: there already, expected the name of a new folder")
 
 
 def _umask() -> int:

@@ -40,6 +40,7 @@ def test_cameras(tmp_path: Path, style: str, examples: int):
         path.write_bytes(data)
         camera = read_or_refused(lambda: load_camera(path), path)
         assert camera is None or all(torch.isfinite(numbers).all() for numbers in camera)
+        assert camera is None or camera.K[0, 0, 0] > 0
 
     read()
 

@@ -138,6 +138,7 @@ def test_eight_coefficients_are_read_while_the_last_three_are_zero(tmp_path, exa
         ("700.5, 0.0", "0.0, 0.0", "camera_matrix: expected a focal length above 0 px, got fx = 0"),
         ("700.5, 0.0", "700.5", "camera_matrix: expected 9 numbers, got 8"),
         ("[700.5", "[wide", "camera_matrix: data: expected a finite number, got 'wide'"),
+        ("[700.5", "[1e300", "camera_matrix: data: expected a finite number, got '1e300'"),  # not in float32
         ("700.5, 0.0", "700.5, 1.0", r"camera_matrix: expected \[\[fx, 0, cx\]"),
         ("plumb_bob", "equidistant", "distortion_model: expected plumb_bob or rational_polynomial, got 'equidistant'"),
         ("-0.28, 0.09, ", "", r"distortion_coefficients: expected 4 or 5 numbers .* got 3"),

@@ -10,6 +10,7 @@ from rich.progress import track
 from usvnet.commands.dataset_report import scene_table, split_table
 from usvnet.data.conversion import TITLES, detect_format, keep_splits, open_export, share_out, write_dataset
 from usvnet.data.records import SPLITS, Faults
+from usvnet.files import expect_new_folder
 
 DEFAULT_SPLIT = "0.7,0.2,0.1"
 
@@ -44,6 +45,7 @@ def convert(
         ValueError: something in it is not as expected; nothing is written.
     """
     shares = _shares(split or DEFAULT_SPLIT)
+    expect_new_folder(output)
     if not source.exists():
         raise FileNotFoundError(f"{source}: no such file or folder")
     kind = detect_format(source) if format == "auto" else format

@@ -30,7 +30,7 @@ Format = Literal["cvat", "labelstudio", "folder"]
 TITLES: dict[Format, str] = {
     "cvat": "CVAT's Ultralytics YOLO Pose export",
     "labelstudio": "Label Studio's JSON export",
-    "folder": "folder of pictures by scene",
+    "folder": "a folder of pictures by scene",
 }
 
 

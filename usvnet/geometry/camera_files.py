@@ -54,7 +54,7 @@ def load_camera(path: Path | str) -> Camera:
     if len(numbers) != 9:
         raise ValueError(f"{path}: camera_matrix: expected 9 numbers, got {len(numbers)}")
     K = torch.tensor(numbers, dtype=torch.float64).reshape(3, 3)
-    check_pinhole(K, f"{path}: camera_matrix")
+    check_pinhole(K.float(), f"{path}: camera_matrix")
     mount = _read_mount(content, path)
     return make_camera(
         K,

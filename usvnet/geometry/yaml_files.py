@@ -12,6 +12,7 @@ import yaml
 from torch import Tensor
 
 Mapping = dict[str, Any]
+LARGEST = torch.finfo(torch.float32).max
 
 
 class _Loader(yaml.SafeLoader):
@@ -62,13 +63,13 @@ def require(mapping: Mapping, key: str, where: str) -> Any:
 
 
 def as_number(value: object, where: str) -> float:
-    """Insist on a finite number. PyYAML takes 1e-5 for text, so text that reads as a number is one."""
+    """Insist on a number that float32 can hold. PyYAML takes 1e-5 for text, so text that reads as a number is one."""
     if isinstance(value, (int, float, str)) and not isinstance(value, bool):
         try:
             number = float(value)
         except (ValueError, OverflowError):
             number = math.nan
-        if math.isfinite(number):
+        if abs(number) <= LARGEST:
             return number
     raise ValueError(f"{where}: expected a finite number, got {short(value)}")
 
