@@ -92,7 +92,7 @@ def spoilt_values(draw: st.DrawFn, sound: Any) -> Any:
             continue
         parent, key = last
         if draw(st.booleans()):
-            parent[key] = draw(st.sampled_from(VALUES))
+            parent[key] = copy.deepcopy(draw(st.sampled_from(VALUES)))  # a later step may change it
         else:
             del parent[key]
     return tree
