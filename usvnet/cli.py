@@ -74,7 +74,7 @@ def run(arguments: Sequence[str] | None = None) -> None:
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     parser = build_parser(needed=arguments)
-    settings = parser.instantiate_classes(parser.parse_args(arguments))
+    settings = parser.instantiate(parser.parse_args(arguments))
     name: str = settings.subcommand
     command_function(name)(**vars(settings[name]))
 
