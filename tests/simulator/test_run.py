@@ -52,8 +52,9 @@ def copied(complete, tmp_path):
 
 
 def start(config, root, workers, **environment):
-    """A run in a process group of its own."""
+    """A run in a process group of its own; it hears Ctrl-C also where the tests run in the background of a shell."""
     code = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from pathlib import Path; from usvnet.files import run_program; from small_dataset import simulate_small\n"
         f"if __name__ == '__main__': run_program(\n"
         f"    lambda: simulate_small(Path({str(config)!r}), Path({str(root)!r}), workers={workers}))"
