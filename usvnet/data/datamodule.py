@@ -26,7 +26,8 @@ class BoatDataModule(LightningDataModule):
         image_size: side of the square picture that the network sees in training, a multiple of 32 (64 with
             YOLOv8-P6).
         eval_image_size: the same for validation and test; null for ``image_size``. With a training zoom that reaches
-            ``eval_image_size / image_size``, a network trained on cheap small crops is at home in large pictures.
+            ``eval_image_size / image_size``, a network trained on cheap small crops is at home in large pictures, save
+            for boats that filled the crops: their ends were told by borders that large pictures do not have.
         batch_size: pictures a batch.
         num_workers: processes that prepare batches; 0 prepares them in the training process.
         cache_mb: memory for decoded pictures, for each split.
