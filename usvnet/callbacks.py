@@ -16,8 +16,8 @@ from usvnet.evaluation.records import RANGE_CONFIDENCE, BoatRecord, TruthRecord,
 from usvnet.types import Batch
 from usvnet.visualize import Picture, draw_boat, draw_boats, range_label
 
-MONITOR = "val/strict_mAP50-95"
-"""The score that chooses the best checkpoint."""
+MONITOR = "val/fitness"
+"""The score that chooses the best checkpoint, see :func:`usvnet.training.validation_scalars`."""
 CHECKPOINT_FOLDER = "checkpoints"
 
 

@@ -170,7 +170,11 @@ class USVModule(LightningModule):
 
 
 def validation_scalars(scores: Scores) -> dict[str, float]:
-    """Pick what TensorBoard shows: pose at both OKS sigmas, keypoint errors and errors of the ``waterline`` range."""
+    """Pick what TensorBoard shows: pose at both OKS sigmas, keypoint errors and errors of the ``waterline`` range.
+
+    ``fitness``, the mean of mAP50-95 at both sigmas, chooses the best checkpoint: the strict one alone is chance while
+    it is near 0, and the other alone hardly sees a pixel.
+    """
     waterline = scores.ranges.overall["waterline"]
     return {
         "precision": scores.pose.precision,
@@ -178,6 +182,7 @@ def validation_scalars(scores: Scores) -> dict[str, float]:
         "mAP50": scores.pose.map50,
         "mAP50-95": scores.pose.map50_95,
         "strict_mAP50-95": scores.pose_strict.map50_95,
+        "fitness": (scores.pose.map50_95 + scores.pose_strict.map50_95) / 2,
         "keypoint_median_px": scores.keypoints.overall.median_px,
         "range_rmse_m": waterline.rmse_m,
         "range_mae_m": waterline.mae_m,
