@@ -4,6 +4,8 @@ import os
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch: several processes on few cores spin otherwise
 
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -67,3 +69,11 @@ def label_studio(tmp_path: Path) -> Path:
 def scene_folder(tmp_path: Path) -> Path:
     """Pictures by scene, with their labels and laser ranges."""
     return write_scene_folder(tmp_path / "scenes")
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Lightning switches Ctrl-C off while it shuts down; switch it on again."""
+    handler = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, handler)

@@ -1,6 +1,5 @@
 """A run that was stopped, inside an epoch or between two, ends with the weights of one that was not."""
 
-import signal
 from pathlib import Path
 
 import pytest
@@ -24,14 +23,6 @@ class StopBefore(Callback):
     def on_train_batch_start(self, trainer: Trainer, *_: object) -> None:
         if trainer.global_step == self.step:
             raise KeyboardInterrupt
-
-
-@pytest.fixture
-def interruptible():
-    """Lightning switches Ctrl-C off while it shuts down; switch it on again."""
-    handler = signal.getsignal(signal.SIGINT)
-    yield
-    signal.signal(signal.SIGINT, handler)
 
 
 def train(folder: Path, dataset: Path, stop_before: int = -1, resume: bool = False) -> dict[str, torch.Tensor]:

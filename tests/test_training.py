@@ -1,7 +1,6 @@
 """Training learns, ranges teach the first convolution, averages average, and a run goes on where it stopped."""
 
 import math
-import signal
 
 import cv2
 import numpy as np
@@ -233,14 +232,6 @@ class StopBefore(Callback):
         torch.manual_seed(trainer.global_step)
         if trainer.global_step == self.step:
             raise KeyboardInterrupt
-
-
-@pytest.fixture
-def interruptible():
-    """Lightning switches Ctrl-C off while it shuts down; switch it on again."""
-    handler = signal.getsignal(signal.SIGINT)
-    yield
-    signal.signal(signal.SIGINT, handler)
 
 
 @pytest.mark.usefixtures("interruptible")
