@@ -84,20 +84,28 @@ def score_pose(
     if not labelled:
         nan = float("nan")
         return PoseScores(sigma, nan, nan, nan, nan, nan, boats=0)
-    with contextlib.redirect_stdout(io.StringIO()):  # pycocotools prints its progress
-        labels, predictions = _coco(_truth_entries(truths), len(truths)), _coco(_boat_entries(records), len(truths))
-        evaluation = COCOeval(labels, predictions, iouType="keypoints")
-        evaluation.params.kpt_oks_sigmas = np.full(NUM_KEYPOINTS, sigma)  # the default has a person's 17
-        evaluation.params.maxDets = [MAX_BOATS]
-        evaluation.params.areaRng, evaluation.params.areaRngLbl = [[0, 1e10]], ["all"]
-        evaluation.evaluate()
-        evaluation.accumulate()
+    evaluation = _evaluation(records, truths, sigma)
     precision = evaluation.eval["precision"][:, :, 0, 0, 0]  # (10 thresholds, 101 recalls)
     matches = [image for image in evaluation.evalImgs if image is not None]
     at_best = _best_f1(matches, labelled)
     return PoseScores(
         sigma, *at_best, map50=float(precision[0].mean()), map50_95=float(precision.mean()), boats=labelled
     )
+
+
+def precision_recall(
+    records: Sequence[Sequence[BoatRecord]], truths: Sequence[Sequence[TruthRecord]], sigma: float = PAPER_SIGMA
+) -> tuple[FloatArray, FloatArray]:
+    """The curves that the APs are the means of; arguments and errors as in :func:`score_pose`.
+
+    Returns:
+        The (101,) recalls from 0 to 1, and the (10, 101) highest precision that reaches each of them, by the ten
+        thresholds of OKS 0.5, 0.55 to 0.95; nan where no boat is labelled.
+    """
+    _check_lengths(records, truths)
+    evaluation = _evaluation(records, truths, sigma)
+    precision = np.asarray(evaluation.eval["precision"][:, :, 0, 0, 0], np.float64)
+    return np.asarray(evaluation.params.recThrs, np.float64), np.where(precision < 0, np.nan, precision)
 
 
 def score_keypoints(
@@ -128,6 +136,21 @@ def score_keypoints(
         overall=_pixel_errors([error for of_keypoint in distances for error in of_keypoint]),
         by_keypoint={name: _pixel_errors(errors) for name, errors in zip(KEYPOINT_NAMES, distances)},
     )
+
+
+def _evaluation(
+    records: Sequence[Sequence[BoatRecord]], truths: Sequence[Sequence[TruthRecord]], sigma: float
+) -> COCOeval:
+    """Match and accumulate with pycocotools."""
+    with contextlib.redirect_stdout(io.StringIO()):  # pycocotools prints its progress
+        labels, predictions = _coco(_truth_entries(truths), len(truths)), _coco(_boat_entries(records), len(truths))
+        evaluation = COCOeval(labels, predictions, iouType="keypoints")
+        evaluation.params.kpt_oks_sigmas = np.full(NUM_KEYPOINTS, sigma)  # the default has a person's 17
+        evaluation.params.maxDets = [MAX_BOATS]
+        evaluation.params.areaRng, evaluation.params.areaRngLbl = [[0, 1e10]], ["all"]
+        evaluation.evaluate()
+        evaluation.accumulate()
+    return evaluation
 
 
 def _check_lengths(records: Sequence[object], truths: Sequence[object]) -> None:

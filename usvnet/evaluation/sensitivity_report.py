@@ -116,17 +116,8 @@ def draw_budget(costs: Sequence[Cost], path: Path) -> None:
     figure = Figure(figsize=(4.6 * columns + 2.4, 3.8 * lines + 0.6), layout="constrained")
     grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
     panels = grid.flatten()
-    sources = list(dict.fromkeys((cost.source, cost.amount) for cost in costs if cost.source != ALL))
-    colours = colormaps["tab10"].colors  # type: ignore[attr-defined]
-    styles = [(*source, colours[n], 1.5) for n, source in enumerate(sources)] + [(ALL, math.nan, "black", 2.5)]
     for panel, estimator in zip(panels, ESTIMATORS):
-        for source, amount, colour, width in styles:
-            members = [cost for cost in costs if cost.source == source and cost.estimator == estimator]
-            _draw_line(panel, members, source_text(source, amount), colour, width)
-        panel.set(title=estimator, xscale="log", yscale="log")
-        panel.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        _mark_distances(panel, costs)
-        panel.grid(alpha=0.3, which="both")
+        draw_budget_panel(panel, costs, estimator)
     for panel in grid[:, 0]:
         panel.set_ylabel("cost, % of the range\n(one standard deviation)")
     for panel in grid[-1]:
@@ -145,22 +136,44 @@ def draw_curves(costs: Sequence[Cost], estimator: str, path: Path) -> None:
     figure = Figure(figsize=(4.6 * columns, 3.6 * lines + 0.5), layout="constrained")
     panels = figure.subplots(lines, columns, squeeze=False).flatten()
     for panel, source in zip(panels, sources):
-        members = [cost for cost in costs if cost.source == source and cost.estimator == estimator]
-        amounts = sorted({cost.amount for cost in members})
-        for n, amount in enumerate(amounts):
-            colour = colormaps["viridis"](0.9 * n / max(len(amounts) - 1, 1))
-            _draw_line(panel, [c for c in members if c.amount == amount], amount_text(source, amount), colour, 1.5)
+        draw_curve_panel(panel, costs, source, estimator)
         noise = DISTURBANCES[source].noise
-        panel.set(title=DISTURBANCES[source].title, xlabel="slant range, m", xscale="log")
-        panel.set_ylabel("standard deviation, % of the range" if noise else "change of the range, %")
-        _mark_distances(panel, costs)
-        panel.grid(alpha=0.3)
         panel.legend(fontsize="small", title="standard deviation" if noise else "wrong by", title_fontsize="small")
     for panel in panels[len(sources) :]:
         panel.set_axis_off()
     figure.suptitle(f"{estimator}: what one error does to the range ({FIRST_ORDER_NOTE})")
     with atomic_write(path) as temporary:
         figure.savefig(temporary, dpi=120)
+
+
+def draw_budget_panel(panel: Axes, costs: Sequence[Cost], estimator: str) -> None:
+    """Draw the cost of each source by distance for one estimator, with labelled lines."""
+    sources = list(dict.fromkeys((cost.source, cost.amount) for cost in costs if cost.source != ALL))
+    colours = colormaps["tab10"].colors  # type: ignore[attr-defined]
+    styles = [(*source, colours[n], 1.5) for n, source in enumerate(sources)] + [(ALL, math.nan, "black", 2.5)]
+    for source, amount, colour, width in styles:
+        members = [cost for cost in costs if cost.source == source and cost.estimator == estimator]
+        _draw_line(panel, members, source_text(source, amount), colour, width)
+    panel.set(title=estimator, xscale="log", yscale="log")
+    panel.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    _mark_distances(panel, costs)
+    panel.grid(alpha=0.3, which="both")
+
+
+def draw_curve_panel(
+    panel: Axes, costs: Sequence[Cost], source: str, estimator: str, colours: Sequence[str] | None = None
+) -> None:
+    """Draw what each amount of one kind of error does to one estimator, with labelled lines; colours by amount."""
+    members = [cost for cost in costs if cost.source == source and cost.estimator == estimator]
+    amounts = sorted({cost.amount for cost in members})
+    for n, amount in enumerate(amounts):
+        colour = colours[n] if colours else colormaps["viridis"](0.9 * n / max(len(amounts) - 1, 1))
+        _draw_line(panel, [c for c in members if c.amount == amount], amount_text(source, amount), colour, 1.5)
+    panel.set(title=DISTURBANCES[source].title, xlabel="slant range, m", xscale="log")
+    noise = DISTURBANCES[source].noise
+    panel.set_ylabel("standard deviation, % of the range" if noise else "change of the range, %")
+    _mark_distances(panel, costs)
+    panel.grid(alpha=0.3)
 
 
 def _percent(share: float) -> str:

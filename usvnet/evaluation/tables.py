@@ -51,24 +51,24 @@ class Table:
         """Show in a terminal."""
         shown = RichTable(title=self.title, box=box.SIMPLE_HEAD, title_style="bold", title_justify="left")
         shown.caption, shown.caption_justify = self.note or None, "left"
-        for column, numeric in zip(self.columns, self._numeric()):
+        for column, numeric in zip(self.columns, self.numeric()):
             shown.add_column(
                 "\n".join(column.title.rsplit(" ", 1)),
                 justify="right" if numeric else "left",
                 no_wrap=True,
                 vertical="bottom",
             )
-        for n, row in enumerate(self._shown()):
+        for n, row in enumerate(self.shown()):
             shown.add_row(*row, style="bold" if n in self.strong else None, end_section=n in self.rules)
         console.print(shown)
 
     def to_markdown(self) -> str:
         """Write as a Markdown section."""
         titles = [column.title for column in self.columns]
-        marks = ["---:" if numeric else ":---" for numeric in self._numeric()]
+        marks = ["---:" if numeric else ":---" for numeric in self.numeric()]
         rows = [
             [f"**{cell}**" if n in self.strong and cell != "-" else cell for cell in row]
-            for n, row in enumerate(self._shown())
+            for n, row in enumerate(self.shown())
         ]
         lines = [f"| {' | '.join(cells)} |" for cells in [titles, marks, *rows]]
         note = f"\n{self.note}\n" if self.note else ""
@@ -82,10 +82,12 @@ class Table:
             for row in self.rows:
                 writer.writerow([_csv_field(cell) for cell in row])
 
-    def _shown(self) -> list[list[str]]:
+    def shown(self) -> list[list[str]]:
+        """Every cell as people read it."""
         return [[column.show(cell) for column, cell in zip(self.columns, row)] for row in self.rows]
 
-    def _numeric(self) -> list[bool]:
+    def numeric(self) -> list[bool]:
+        """Which columns hold numbers alone, and stand to the right."""
         cells = zip(*self.rows) if self.rows else [()] * len(self.columns)
         return [not any(isinstance(cell, str) for cell in column) for column in cells]
 

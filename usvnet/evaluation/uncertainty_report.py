@@ -72,15 +72,8 @@ def draw_reliability(ranged: Sequence[RangedBoat], scores: IntervalScores, path:
     """Write a PNG: for every nominal coverage the share of readings that are inside, one panel for each estimator."""
     figure = Figure(figsize=(3.8 * len(ESTIMATORS) + 0.6, 4.6), layout="constrained")
     panels = figure.subplots(1, len(ESTIMATORS), sharey=True, squeeze=False)[0]
-    nominal = np.linspace(0.02, 0.98, 49)
     for panel, estimator in zip(panels, ESTIMATORS):
-        errors = scores.overall[estimator]
-        panel.plot([0, 100], [0, 100], color="0.5", linewidth=1)
-        panel.set(title=f"{estimator}, {errors.n} boats", xlabel="nominal coverage, %", xlim=(0, 100), ylim=(0, 100))
-        panel.set_box_aspect(1)
-        panel.grid(alpha=0.3)
-        if errors.n:
-            _draw_curves(panel, ranged, scores, estimator, nominal)
+        draw_reliability_panel(panel, ranged, scores, estimator)
     panels[0].set_ylabel("readings inside the interval, %")
     handles, labels = panels[0].get_legend_handles_labels()
     if handles:
@@ -88,6 +81,17 @@ def draw_reliability(ranged: Sequence[RangedBoat], scores: IntervalScores, path:
     figure.suptitle("Reliability of the range intervals")
     with atomic_write(path) as temporary:
         figure.savefig(temporary, dpi=120)
+
+
+def draw_reliability_panel(panel: Axes, ranged: Sequence[RangedBoat], scores: IntervalScores, estimator: str) -> None:
+    """Draw the reliability of one estimator, with labelled lines."""
+    errors = scores.overall[estimator]
+    panel.plot([0, 100], [0, 100], color="0.5", linewidth=1)
+    panel.set(title=f"{estimator}, {errors.n} boats", xlabel="nominal coverage, %", xlim=(0, 100), ylim=(0, 100))
+    panel.set_box_aspect(1)
+    panel.grid(alpha=0.3)
+    if errors.n:
+        _draw_curves(panel, ranged, scores, estimator, np.linspace(0.02, 0.98, 49))
 
 
 def interval_csv(scores: IntervalScores, group: str) -> Table:
