@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 from chessboards import poses, render
+from turned_jpegs import write_turned
 
 from usvnet.commands.calibrate import calibrate
 from usvnet.geometry.camera_files import load_camera
@@ -64,6 +65,13 @@ def test_a_folder_of_photographs_in_opencv_style(photos, tmp_path):
     assert check_camera(output).distortion[0, 4].item() == 0
 
 
+def test_photographs_are_calibrated_as_they_stand_upright(pictures, tmp_path):
+    (tmp_path / "phone").mkdir()
+    for number, grey in enumerate(pictures):
+        write_turned(tmp_path / "phone" / f"{number}.jpg", grey)
+    check_camera(run(tmp_path / "phone", tmp_path))
+
+
 def test_a_video_is_sampled_and_its_repeats_are_skipped(pictures, tmp_path, capsys):
     film = tmp_path / "board.mp4"
     writer = cv2.VideoWriter(str(film), cv2.VideoWriter_fourcc(*"mp4v"), 25, (480, 360))
@@ -124,7 +132,7 @@ def test_bad_input_is_one_clear_sentence(photos, tmp_path):
 
 def test_a_broken_file_is_named(photos, tmp_path):
     (photos / "board9.jpg").write_bytes(b"\xff\xd8\xff\xe0 not a photograph")
-    with pytest.raises(ValueError, match=r"board9.jpg: not a picture that can be read"):
+    with pytest.raises(ValueError, match=r"board9.jpg: corrupt picture"):
         run(photos / "board*", tmp_path)
     (tmp_path / "film.mp4").write_bytes(b"not a film")
     with pytest.raises(ValueError, match=r"film.mp4: not a video that can be read"):

@@ -8,6 +8,7 @@ import signal
 import cv2
 import numpy as np
 import pytest
+from turned_jpegs import write_turned
 
 from usvnet import cli
 from usvnet.commands import predict as command
@@ -114,6 +115,17 @@ def test_one_picture(predict, folder):
     assert frame["image"] == "1.png"
     assert {boat["estimator"] for boat in frame["boats"]} == {meta["estimator"]} == {"box_bottom"}
     assert cv2.imread(str(out / "pictures" / "1.png")).shape == (128, 192, 3)
+
+
+def test_a_picture_is_predicted_as_it_stands_upright(predict, tmp_path):
+    (tmp_path / "phone").mkdir()
+    write_turned(tmp_path / "phone" / "turned.jpg", picture(0))
+    upright = cv2.imread(str(tmp_path / "phone" / "turned.jpg"))
+    cv2.imwrite(str(tmp_path / "phone" / "upright.png"), upright)
+    turned, same = results(predict(tmp_path / "phone"))[1]
+    assert turned["size_px"] == list(SIZE_PX)
+    assert turned["boats"] == same["boats"]
+    assert cv2.imread(str(tmp_path / "out" / "pictures" / "turned.jpg")).shape[1::-1] == (192, 128)
 
 
 def length(path):

@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from turned_jpegs import write_turned
 
 from usvnet.data import AugmentationConfig, BoatDataset, Frame, collate, read_dataset
 from usvnet.data.sampling import Draw
@@ -44,6 +45,15 @@ def test_letterboxing_moves_picture_and_labels_alike(make_frame, size_px: tuple[
     A = dataset.letterbox_matrix(0).numpy()
     native = np.linalg.inv(A) @ (*sample.frame.keypoints_px[0, 3], 1)
     np.testing.assert_allclose(native[:2], frame.keypoints_px[0, 3], atol=1e-9)
+
+
+def test_labels_belong_to_the_picture_as_it_stands_upright(make_frame):
+    """A phone's portrait: its pixels lie, and its EXIF orientation says so."""
+    frame = white_dot_frame(make_frame, (240, 320))
+    phone = dataclasses.replace(frame, image_path=frame.image_path.with_suffix(".jpg"))
+    write_turned(phone.image_path, cv2.imread(str(frame.image_path)))
+    sample = BoatDataset([phone], 320)[0]
+    np.testing.assert_allclose(dot_centre(sample.picture), sample.frame.keypoints_px[0, 3], atol=0.3)
 
 
 def test_augmenting_moves_picture_and_labels_alike(make_frame):

@@ -4,8 +4,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from turned_jpegs import STORED, write_turned
 
-from usvnet.data.pictures import PictureCache, read_picture
+from usvnet.data.pictures import PictureCache, read_grey, read_picture
 
 
 @pytest.fixture
@@ -26,6 +27,16 @@ def test_colours_come_as_rgb(tmp_path: Path):
 def test_a_grey_picture_gets_three_channels(tmp_path: Path):
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((8, 8), 90, np.uint8))
     np.testing.assert_array_equal(read_picture(tmp_path / "grey.png")[4, 4], [90, 90, 90])
+
+
+@pytest.mark.parametrize("orientation", STORED)
+def test_photographs_stand_upright_as_their_exif_orientation_says(tmp_path: Path, orientation: int):
+    v, u = np.mgrid[:48, :64]
+    upright = np.stack([u + 90, u + v + 60, 3 * v + 20], -1).astype(np.uint8)
+    write_turned(tmp_path / "phone.jpg", upright, orientation)
+    np.testing.assert_allclose(read_picture(tmp_path / "phone.jpg")[..., ::-1].astype(int), upright, atol=5)
+    grey = cv2.cvtColor(upright, cv2.COLOR_BGR2GRAY)
+    np.testing.assert_allclose(read_grey(tmp_path / "phone.jpg").astype(int), grey, atol=3)
 
 
 @pytest.mark.parametrize("keep", [0, 0.01, 0.3, 0.6, 0.999])
@@ -56,6 +67,8 @@ def test_a_missing_picture_is_named(tmp_path: Path):
 def test_a_picture_of_another_size_than_its_camera_is_refused(jpeg: Path):
     with pytest.raises(ValueError, match=r"0001\.jpg: picture of 64 x 48, expected 640 x 480 as its camera"):
         PictureCache(1, 1000).read(jpeg, (640, 480))
+    with pytest.raises(ValueError, match=r"0001\.jpg: picture of 64 x 48 \(turned by 90 degrees\?\), expected 48 x 64"):
+        PictureCache(1, 1000).read(jpeg, (48, 64))
 
 
 def test_the_cache_keeps_pictures_small_within_its_budget_and_in_its_own_process(tmp_path: Path):

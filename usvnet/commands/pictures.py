@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 
 from usvnet.data.picture_files import find_picture_files
-from usvnet.geometry.chessboard import Grey
+from usvnet.data.pictures import Grey, read_grey
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,7 @@ class Pictures:
             yield from self._frames()
             return
         for file in self.files:
-            grey = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-            if grey is None:
-                raise ValueError(f"{file}: not a picture that can be read")
-            yield file.name, grey
+            yield file.name, read_grey(file)
 
     def _open_video(self) -> cv2.VideoCapture:
         video = cv2.VideoCapture(str(self.files[0]))

@@ -1,4 +1,8 @@
-"""Decoding photographs, refusing damaged ones, and keeping them in memory between epochs."""
+"""Decoding photographs, refusing damaged ones, and keeping them in memory between epochs.
+
+Every photograph, of a chessboard or of boats, is read here, and so stands upright everywhere as its EXIF orientation
+says: that is how labelling tools and viewers show it. OpenCV turns videos in the same way.
+"""
 
 from pathlib import Path
 
@@ -8,24 +12,35 @@ from numpy.typing import NDArray
 
 Picture = NDArray[np.uint8]
 """(H, W, 3) RGB."""
+Grey = NDArray[np.uint8]
+"""(H, W)"""
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
 
 def read_picture(path: Path) -> Picture:
-    """Decode a picture to RGB, ignoring any EXIF rotation: the camera was calibrated on the pixels as stored.
+    """Decode a picture to RGB, upright.
 
     Raises:
         FileNotFoundError: no such file.
         ValueError: the file is damaged or cut short.
     """
+    return _decode(path, cv2.IMREAD_COLOR_RGB)
+
+
+def read_grey(path: Path) -> Grey:
+    """Decode a picture to grey, upright; raises as :func:`read_picture` does."""
+    return _decode(path, cv2.IMREAD_GRAYSCALE)
+
+
+def _decode(path: Path, flags: int) -> NDArray[np.uint8]:
+    """Decode a picture; none of OpenCV's flags but IMREAD_IGNORE_ORIENTATION keeps it from turning it upright."""
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such picture")
     data = path.read_bytes()
     # older versions of OpenCV fill the missing part of a JPEG that was cut short with grey and say nothing
     if data[:2] == b"\xff\xd8" and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
         raise ValueError(f"{path}: corrupt JPEG, it ends before its end-of-image marker ({len(data)} bytes)")
-    flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     except cv2.error:
@@ -61,7 +76,8 @@ class PictureCache:
         height, width = picture.shape[:2]
         if (width, height) != size_px:
             expected = f"{size_px[0]} x {size_px[1]} as its camera"
-            raise ValueError(f"{path}: picture of {width} x {height}, expected {expected}")
+            turned = " (turned by 90 degrees?)" if (height, width) == size_px else ""
+            raise ValueError(f"{path}: picture of {width} x {height}{turned}, expected {expected}")
         scale = self.longest_px / max(width, height)
         if scale < 1:
             shrunk_px = (max(1, round(width * scale)), max(1, round(height * scale)))

@@ -34,7 +34,7 @@ class LabelledPicture:
     """``train``, ``val`` or ``test`` where the export says so."""
     scene: str | None
     size_px: tuple[int, int]
-    """Width and height, as stored."""
+    """Width and height, upright."""
     labels: Labels
     readings: tuple[RangeReading, ...] = ()
     """What the laser read of its boats."""

@@ -166,7 +166,7 @@ def _value(region: Mapping, size_px: tuple[int, int], key: str) -> Mapping:
         raise ValueError(f"{key}: original size is {short(found)}, but the picture is {size_px[0]} x {size_px[1]}")
     if region.get("image_rotation"):
         turned = short(region["image_rotation"])
-        raise ValueError(f"{key}: image_rotation is {turned}, expected 0: the picture as stored")
+        raise ValueError(f"{key}: image_rotation is {turned}, expected 0: the picture as it comes")
     return as_mapping(region.get("value"), f"{key}: value")
 
 
