@@ -164,7 +164,7 @@ def test_an_imu_turns_the_camera_of_every_frame_at_its_time(predict, video, fold
     assert angles[:3] == [pytest.approx(pair, rel=1e-5) for pair in ((10, 1), (11, 2), (12, 3))]
     assert angles[3:] == [mount] * 3
     assert "imu read 3, imu silent 3" in capsys.readouterr().out
-    with pytest.raises(ValueError, match="imu: pictures have no time"):
+    with pytest.raises(ValueError, match=r"imu: .*: pictures have no time"):
         predict(folder, *settings)
 
 
@@ -192,8 +192,17 @@ def test_a_video_is_followed_and_pictures_are_not(predict, video, folder, capsys
     assert all("track" in boat for frame in frames for boat in frame["boats"])
     assert "boats followed" in capsys.readouterr().out
     assert "track_id" not in (predict(video, "--save", "none") / "predictions.csv").read_text()
-    with pytest.raises(ValueError, match="track: pictures have no time"):
+    with pytest.raises(ValueError, match=r"track: .*: pictures have no time, expected their fps"):
         predict(folder, "--track")
+
+
+def test_pictures_of_a_known_pace_are_followed(predict, folder, video):
+    frames = results(predict(folder, "--track", "--fps", "4", "--every", "2", "--save", "video"))[1]
+    assert [frame["time_s"] for frame in frames] == [0, 0.5]
+    assert all("track" in boat for frame in frames for boat in frame["boats"])
+    assert cv2.VideoCapture(str(folder.parent / "out" / "video.mp4")).get(cv2.CAP_PROP_FPS) == 2
+    with pytest.raises(ValueError, match=r"fps: .*sea\.mp4 is a video and has its own pace, expected pictures"):
+        predict(video, "--fps", "4")
 
 
 def test_ctrl_c_leaves_whole_files(predict, video, tmp_path, monkeypatch):
@@ -240,7 +249,7 @@ class Line:
 
 
 def test_a_stream_that_does_not_come_back_leaves_whole_files(predict, tmp_path, monkeypatch, capsys):
-    def open_line(source, tell, every):
+    def open_line(source, tell, every, fps):
         return LiveStream(source, Line, tell, every, waits_s=(0.0, 0.0))
 
     monkeypatch.setattr(command, "open_source", open_line)
@@ -264,6 +273,7 @@ def test_a_stream_that_does_not_come_back_leaves_whole_files(predict, tmp_path, 
         (["--batch-size", "0"], "batch_size: got 0"),
         (["--max-frames", "0"], "max_frames: got 0"),
         (["--every", "0"], "every: got 0"),
+        (["--fps", "0"], "fps: got 0"),
         (["--save", "film"], "save"),
         (["--track", "--tracking.lost-s", "0"], "tracking.lost_s: got 0"),
         (["--checkpoint", "no.ckpt"], "no.ckpt: no such checkpoint file"),

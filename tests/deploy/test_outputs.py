@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from evaluation.boats import boat, truth
 
+from usvnet.deploy import annotated
 from usvnet.deploy.annotated import annotated_pictures, annotated_video
 from usvnet.deploy.outputs import FrameBoats, Outputs, boat_table, json_lines, table_header
 from usvnet.deploy.sources import Frame, Source
@@ -173,6 +174,17 @@ def test_a_video_has_a_frame_for_a_frame(tmp_path):
     assert rate == pytest.approx(12.5)
     assert greys == pytest.approx([20 * n for n in range(9)], abs=6)
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_first_codec_that_works_is_taken_without_a_word(tmp_path, monkeypatch, capfd):
+    assert annotated.best_codec((64, 48)) in annotated.CODECS
+    monkeypatch.setattr(annotated, "CODECS", ("none", "mp4v"))
+    drawn(annotated_video(tmp_path / "video.mp4", SceneDrawer("waterline"), FakeSource()), [found(0)])
+    assert len(frames_of(tmp_path / "video.mp4")[1]) == 1
+    assert capfd.readouterr().err == ""
+    monkeypatch.setattr(annotated, "CODECS", ("none",))
+    with pytest.raises(OSError, match="OpenCV can write no video of 64 x 48 by any of none"):
+        annotated.best_codec((64, 48))
 
 
 def test_a_video_of_a_stream_runs_in_real_time(tmp_path):

@@ -43,6 +43,7 @@ def predict(
     confidence: float = 0.25,
     batch_size: int = 1,
     every: int = 1,
+    fps: float | None = None,
     max_frames: int | None = None,
     save: Literal["auto", "pictures", "video", "none"] = "auto",
     show_topdown: bool = True,
@@ -72,11 +73,13 @@ def predict(
         confidence: Lowest score of a boat.
         batch_size: Pictures, or frames of a video, computed at once; a stream's frames go one by one.
         every: Take one frame in so many.
+        fps: How many pictures of a folder were taken a second, if they are the frames of a video.
         max_frames: Stop after so many.
         save: What to draw on; auto is a video of a video or stream, and pictures of pictures.
         show_topdown: Draw the chart that shows the boats from above.
-        track: Follow the boats of a video or stream from frame to frame: numbers, smoothed ranges with intervals,
-            closing speed and closest point of approach, also in tracks.csv and, as MOTChallenge text, in tracks.txt.
+        track: Follow the boats of a video, a stream or pictures with an fps from frame to frame: numbers, smoothed
+            ranges with intervals, closing speed and closest point of approach, also in tracks.csv and, as MOTChallenge
+            text, in tracks.txt.
             All is relative to the camera, which should not turn.
         tracking: When a boat counts as one, how long it is believed in, and how it may move.
         device: Where to compute, e.g. cpu or cuda:1; the first GPU where there is one.
@@ -96,17 +99,18 @@ def predict(
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     predictor.warm_up()
     attitudes = FrameAttitudes(AttitudeConfig(attitude, imu_offset_s), imu)
-    frames = open_source(source, console.print, every)
-    if imu is not None and isinstance(frames, Photographs):
-        raise ValueError(f"imu: pictures have no time, expected a video or a stream, got {source}")
-    if track and isinstance(frames, Photographs):
-        raise ValueError(f"track: pictures have no time, expected a video or a stream, got {source}")
+    frames = open_source(source, console.print, every, fps)
+    if isinstance(frames, Photographs) and fps is None:
+        for name, wanted in (("imu", imu is not None), ("track", track)):
+            if wanted:
+                raise ValueError(f"{name}: {source}: pictures have no time, expected their fps, a video or a stream")
     follower = BoatFollower(estimator, tracking) if track else None
     meta = {
         "program": f"usvnet predict {__version__}",
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "source": frames.name,
         "every": every,
+        "fps": fps,
         "camera": str(camera),
         "camera_sha256": sha256(camera),
         "checkpoint": str(checkpoint),

@@ -1,5 +1,7 @@
 """Pictures and videos with the boats, their ranges, the horizon and the chart drawn on."""
 
+import os
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -18,6 +20,9 @@ from usvnet.visualize.scene import SceneDrawer
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
 """Kept as they are; any other picture is written as a JPEG."""
 JPEG_QUALITY = 92
+CODECS = ("avc1", "mp4v")
+"""H.264, which browsers play, where OpenCV has an encoder for it; else MPEG-4 Part 2, which players do. Browsers play
+VP9 too, but as OpenCV sets its encoder a frame takes it a hundred times as long as MPEG-4."""
 STREAM_FRAMES_PER_S = (1.0, 15.0)
 """Slowest and fastest pace of the video of a stream."""
 PHOTOGRAPHS_PER_S = 2.0
@@ -49,7 +54,7 @@ def annotated_pictures(folder: Path, drawer: SceneDrawer, source: Source) -> Ite
 
 @contextmanager
 def annotated_video(path: Path, drawer: SceneDrawer, source: Source) -> Iterator[Write]:
-    """Write an MPEG-4 video: a frame for a frame of a video, in real time of a stream.
+    """Write an MP4 video: a frame for a frame of a video, in real time of a stream.
 
     Raises:
         ValueError: it would replace the source.
@@ -105,7 +110,7 @@ class _Video:
     def _write(self, drawn: NDArray[np.uint8], repeats: int = 1) -> None:
         if self.file is None:
             self.size_px = drawn.shape[1::-1]
-            code = cv2.VideoWriter_fourcc(*"mp4v")
+            code = cv2.VideoWriter_fourcc(*best_codec(self.size_px))
             self.file = cv2.VideoWriter(str(self.path), code, self.frames_per_s, self.size_px)
             if not self.file.isOpened():
                 raise OSError(f"{self.path.parent}: OpenCV cannot write a video here")
@@ -113,6 +118,38 @@ class _Video:
             drawn = np.asarray(cv2.resize(drawn, self.size_px, interpolation=cv2.INTER_AREA), np.uint8)
         for _ in range(repeats):
             self.file.write(drawn)
+
+
+def best_codec(size_px: tuple[int, int]) -> str:
+    """The first of CODECS that gives pictures of this width and height back; encoders can fail after they opened.
+
+    Raises:
+        OSError: none does.
+    """
+    blank = np.zeros((size_px[1], size_px[0], 3), np.uint8)
+    with tempfile.TemporaryDirectory(prefix="usvnet-") as folder, _hushed():
+        for codec in CODECS:
+            path = str(Path(folder) / f"{codec}.mp4")
+            video = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*codec), 10.0, size_px)
+            if video.isOpened():
+                video.write(blank)
+                video.release()
+                if cv2.VideoCapture(path).read()[0]:
+                    return codec
+    raise OSError(f"OpenCV can write no video of {size_px[0]} x {size_px[1]} by any of {', '.join(CODECS)}")
+
+
+@contextmanager
+def _hushed() -> Iterator[None]:
+    """Keep to themselves what FFmpeg's encoders say of missing devices, which is written past Python."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 class _VideoClock:

@@ -33,7 +33,8 @@ class Frame(NamedTuple):
     number: int
     """Its place in the source, from 0; frames that are passed over count."""
     time_s: float | None
-    """Seconds since the video began; Unix time of arrival from a stream; None for a photograph."""
+    """Seconds since the video began, or since the first of photographs of a known pace; Unix time of arrival from a
+    stream; None for other photographs."""
     picture: NDArray[np.uint8]
     """(H, W, 3) RGB, as large as it came."""
 
@@ -92,12 +93,16 @@ class Photographs(Source):
         paths: the files.
         tell: is told of each that cannot be read.
         every: take one in so many.
+        fps: how many were taken a second, one after another; None where they have no time.
     """
 
-    def __init__(self, name: str, paths: tuple[Path, ...], tell: Tell, every: int = 1) -> None:
-        super().__init__(name, tell, total=-(-len(paths) // every))
+    def __init__(
+        self, name: str, paths: tuple[Path, ...], tell: Tell, every: int = 1, fps: float | None = None
+    ) -> None:
+        super().__init__(name, tell, total=-(-len(paths) // every), frames_per_s=None if fps is None else fps / every)
         self.paths = paths
         self.every = every
+        self.fps = fps
         self._places = {path.resolve() for path in paths}
 
     def holds(self, path: Path) -> bool:
@@ -116,7 +121,8 @@ class Photographs(Source):
                 self.losses.unreadable += 1
                 self.tell(f"skipped {error}")
                 continue
-            yield Frame(self.paths[index].relative_to(folder).as_posix(), index, None, picture)
+            time_s = None if self.fps is None else index / self.fps
+            yield Frame(self.paths[index].relative_to(folder).as_posix(), index, time_s, picture)
 
 
 class VideoFile(Source):
@@ -197,17 +203,31 @@ def is_address(source: str) -> bool:
     return re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", source) is not None
 
 
-def open_files(source: str, tell: Tell, every: int = 1) -> Photographs | VideoFile:
+def check_fps(fps: float) -> None:
+    """Insist on a pace that a video can have.
+
+    Raises:
+        ValueError: what was got.
+    """
+    if not 0 < fps < 1000:
+        raise ValueError(f"fps: got {fps:g}, expected pictures per second, above 0 and below 1000")
+
+
+def open_files(source: str, tell: Tell, every: int = 1, fps: float | None = None) -> Photographs | VideoFile:
     """Open a picture, a folder or glob of pictures, or a video file.
 
     Raises:
         FileNotFoundError: nothing there.
-        ValueError: a video that cannot be opened, or one among other files.
+        ValueError: a video that cannot be opened, one among other files, or a pace for one, which has its own.
     """
     check_every(every)
     files = find_picture_files(source)
     if not files.is_video:
-        return Photographs(source, files.paths, tell, every)
+        if fps is not None:
+            check_fps(fps)
+        return Photographs(source, files.paths, tell, every, fps)
+    if fps is not None:
+        raise ValueError(f"fps: {files.paths[0]} is a video and has its own pace, expected pictures")
     capture = cv2.VideoCapture(str(files.paths[0]))
     if not capture.isOpened():
         raise ValueError(f"{files.paths[0]}: not a video that OpenCV can read")

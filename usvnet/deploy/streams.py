@@ -134,24 +134,27 @@ class LiveStream(Source):
         return True
 
 
-def open_source(source: str, tell: Tell, every: int = 1) -> Source:
+def open_source(source: str, tell: Tell, every: int = 1, fps: float | None = None) -> Source:
     """Open whatever a person names: pictures, a video, the number of a webcam, or the address of a stream.
 
     Args:
         source: path, folder, glob, webcam index, or address (rtsp://, http:// and so on).
         tell: is told of everything that goes wrong later.
         every: take one frame in so many.
+        fps: how many pictures of a folder were taken a second.
 
     Raises:
         FileNotFoundError: nothing there.
         ConnectionError: a webcam or stream that cannot be opened.
-        ValueError: not a video, a protocol that is not known, or ``every`` below 1.
+        ValueError: not a video, a protocol that is not known, ``every`` below 1, or ``fps`` of what has its own pace.
     """
     check_every(every)
+    if fps is not None and (source.isdecimal() or is_address(source)):
+        raise ValueError(f"fps: {source} has its own pace, expected pictures")
     if source.isdecimal():
         return LiveStream(f"webcam {source}", lambda: cv2.VideoCapture(int(source)), tell, every)
     if not is_address(source):
-        return open_files(source, tell, every)
+        return open_files(source, tell, every, fps)
     protocol = source.split("://")[0].lower()
     if protocol not in PROTOCOLS:
         raise ValueError(f"{source}: got the protocol {protocol!r}, expected one of {', '.join(PROTOCOLS)}")
