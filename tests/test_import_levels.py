@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = sorted([*ROOT.glob("usvnet/**/*.py"), *ROOT.glob("scripts/*.py"), *ROOT.glob("*.py")])
+INTEGRATIONS = ROOT.glob("integrations/**/*.py")
+SOURCES = sorted([*ROOT.glob("usvnet/**/*.py"), *ROOT.glob("scripts/*.py"), *ROOT.glob("*.py"), *INTEGRATIONS])
 
 LEVELS = [
     {"__init__", "types", "files", "config"},
@@ -22,7 +23,7 @@ LEVELS = [
     {"sweep"},
     {"commands"},
     {"cli"},
-    {"train", "evaluate", "scripts"},
+    {"train", "evaluate", "scripts", "integrations"},
 ]
 """A room imports from itself and from the levels above it in this list, never from a neighbour."""
 
@@ -42,7 +43,8 @@ ONLY_IN = {
     "torchvision": [],
     "ultralytics": [],
     "jsonargparse": ["usvnet/cli.py", "usvnet/training_cli.py", "evaluate.py"],
-    "scipy": ["usvnet/tracking/*"],
+    "scipy": ["usvnet/tracking/*", "integrations/ros2/usvnet_ros/*"],
+    "rclpy": ["integrations/ros2/usvnet_ros/node.py"],
     "pycocotools": ["usvnet/evaluation/*", "usvnet/data/*"],
     "matplotlib": ["usvnet/evaluation/*", "usvnet/data/*", "usvnet/commands/*", "usvnet/sweep/figure.py"],
     "ray": ["usvnet/sweep/ray_tune.py"],
@@ -50,7 +52,7 @@ ONLY_IN = {
         *("usvnet/geometry/calibration*.py", "usvnet/geometry/chessboard.py"),
         *("usvnet/data/*", "usvnet/evaluation/*", "usvnet/commands/*", "usvnet/visualize/*", "usvnet/callbacks.py"),
         *("usvnet/deploy/sources.py", "usvnet/deploy/streams.py", "usvnet/deploy/annotated.py"),
-        *("usvnet/simulator/*", "scripts/*"),
+        *("usvnet/simulator/*", "scripts/*", "integrations/ros2/usvnet_ros/images.py"),
     ],
     **dict.fromkeys(("mitsuba", "drjit", "pyoidn"), RENDERING),
     "kornia": ["usvnet/geometry/*", "usvnet/heatmap.py", "usvnet/data/*"],

@@ -1,7 +1,8 @@
 """Camera files: ROS ``camera_info`` YAML and OpenCV ``FileStorage`` YAML, each with our ``mount:`` block.
 
-Both keep K under ``camera_matrix`` and the plumb-bob coefficients under ``distortion_coefficients``; they differ in
-header, tags and the keys that only one of them knows. ``mount:`` says how the camera stands over the water::
+Both keep K under ``camera_matrix`` and the lens under ``distortion_coefficients`` (plumb bob, or a rational polynomial
+that resembles one: :mod:`usvnet.geometry.lens_models`); they differ in header, tags and the keys that only one of them
+knows. ``mount:`` says how the camera stands over the water::
 
     mount: {height_m: 1.5, pitch_deg: 6.0, roll_deg: 0.0, height_std_m: 0.01, pitch_std_deg: 0.3, roll_std_deg: 0.3,
             wave_std_m: 0.02}
@@ -20,6 +21,7 @@ from torch import Tensor
 
 from usvnet.files import atomic_write
 from usvnet.geometry.camera import check_pinhole, make_camera
+from usvnet.geometry.lens_models import LENS_MODELS, plumb_bob
 from usvnet.geometry.yaml_files import (
     Mapping,
     as_mapping,
@@ -34,8 +36,6 @@ from usvnet.geometry.yaml_files import (
 from usvnet.types import Camera
 
 MOUNT_KEYS = ("height_m", "pitch_deg", "roll_deg", "height_std_m", "pitch_std_deg", "roll_std_deg", "wave_std_m")
-DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
-"""ROS names that are read; the second one only while its further coefficients are zero."""
 
 
 def load_camera(path: Path | str) -> Camera:
@@ -47,19 +47,21 @@ def load_camera(path: Path | str) -> Camera:
     """
     path = Path(path)
     content = read_mapping(path)
-    model = content.get("distortion_model", DISTORTION_MODELS[0])
-    if model not in DISTORTION_MODELS:
-        raise ValueError(f"{path}: distortion_model: expected {' or '.join(DISTORTION_MODELS)}, got {short(model)}")
+    model = content.get("distortion_model", LENS_MODELS[0])
+    if model not in LENS_MODELS:
+        raise ValueError(f"{path}: distortion_model: expected {' or '.join(LENS_MODELS)}, got {short(model)}")
     numbers = _matrix(content, "camera_matrix", path)
     if len(numbers) != 9:
         raise ValueError(f"{path}: camera_matrix: expected 9 numbers, got {len(numbers)}")
     K = torch.tensor(numbers, dtype=torch.float64).reshape(3, 3)
     check_pinhole(K.float(), f"{path}: camera_matrix")
+    size_px = [_read_size(content, key, path) for key in ("image_width", "image_height")]
+    lens = _matrix(content, "distortion_coefficients", path)
     mount = _read_mount(content, path)
     return make_camera(
         K,
-        [_read_size(content, key, path) for key in ("image_width", "image_height")],
-        _read_distortion(content, path),
+        size_px,
+        plumb_bob(lens, K, size_px, f"{path}: distortion_coefficients"),
         height_m=mount["height_m"],
         pitch_rad=math.radians(mount["pitch_deg"]),
         roll_rad=math.radians(mount["roll_deg"]),
@@ -98,19 +100,6 @@ def _read_size(content: Mapping, key: str, path: Path) -> float:
     if size < 1 or size != int(size):
         raise ValueError(f"{path}: {key}: expected a whole number of pixels, got {size:g}")
     return size
-
-
-def _read_distortion(content: Mapping, path: Path) -> list[float]:
-    key = "distortion_coefficients"
-    coefficients = _matrix(content, key, path)
-    if len(coefficients) not in (4, 5, 8, 12, 14):
-        raise ValueError(f"{path}: {key}: expected 4 or 5 numbers (k1, k2, p1, p2, k3), got {len(coefficients)}")
-    if any(coefficients[5:]):
-        raise ValueError(
-            f"{path}: {key}: expected plumb-bob k1, k2, p1, p2, k3 with nothing but zeros after them, "
-            f"got {coefficients[5:]}; calibrate again with five coefficients"
-        )
-    return coefficients[:5]
 
 
 def _read_std(content: Mapping, key: str, where: str) -> float:
