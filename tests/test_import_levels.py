@@ -12,7 +12,7 @@ SOURCES = sorted([*ROOT.glob("usvnet/**/*.py"), *ROOT.glob("scripts/*.py"), *ROO
 
 LEVELS = [
     {"__init__", "types", "files", "config"},
-    {"geometry", "heatmap", "intervals"},
+    {"geometry", "heatmap", "intervals", "keypoint_noise"},
     {"network", "losses", "data", "simulator", "metrics", "tracking"},
     {"model"},
     {"checkpoints", "optimiser", "pretrained", "visualize"},
@@ -45,6 +45,7 @@ ONLY_IN = {
     "jsonargparse": ["usvnet/cli.py", "usvnet/training_cli.py", "evaluate.py"],
     "scipy": ["usvnet/tracking/*", "integrations/ros2/usvnet_ros/*"],
     "rclpy": ["integrations/ros2/usvnet_ros/node.py"],
+    "jinja2": ["usvnet/evaluation/html/page.py"],
     "pycocotools": ["usvnet/evaluation/*", "usvnet/data/*"],
     "matplotlib": ["usvnet/evaluation/*", "usvnet/data/*", "usvnet/commands/*", "usvnet/sweep/figure.py"],
     "ray": ["usvnet/sweep/ray_tune.py"],

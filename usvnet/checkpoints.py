@@ -14,8 +14,9 @@ from usvnet.intervals import IntervalFactors
 from usvnet.model import USVNet
 
 STAMP = "usvnet"
-"""Key of what training writes beside the weights: variant, curved_water, image_size (px, None where not known) and,
-once they are calibrated, intervals: factor_68, factor_90 and boats of each estimator (see :mod:`usvnet.intervals`)."""
+"""Key of what training writes beside the weights: variant, curved_water, refine (see :class:`USVNet`; absent is
+None), image_size (px, None where not known) and, once they are calibrated, intervals: factor_68, factor_90 and boats of
+each estimator (see :mod:`usvnet.intervals`), and keypoint_share (see :mod:`usvnet.keypoint_noise`)."""
 MODEL_PREFIX = "model."
 """Where the weights of :class:`USVNet` stand in the ``state_dict`` of :class:`usvnet.training.USVModule`."""
 
@@ -74,7 +75,7 @@ def load_model(path: Path | str, variant: str | None = None) -> USVNet:
     if not isinstance(stamp.get("curved_water"), bool):
         raise ValueError(f"{path}: curved_water is {stamp.get('curved_water')!r}, expected True or False")
     try:
-        model = USVNet(stamp["variant"], curved_water=stamp["curved_water"])
+        model = USVNet(stamp["variant"], curved_water=stamp["curved_water"], refine=stamp.get("refine"))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     weights = {
@@ -88,20 +89,27 @@ def load_model(path: Path | str, variant: str | None = None) -> USVNet:
         reason = str(error).splitlines()[1].strip() if "\n" in str(error) else str(error)
         raise ValueError(f"{path}: its weights do not fit a network of size {stamp['variant']!r}: {reason}") from error
     try:
+        model.noise.set_share(stamp.get("keypoint_share", 0.0))
         model.intervals.set_factors({name: IntervalFactors(*row) for name, row in stamp.get("intervals", {}).items()})
     except (ValueError, TypeError, AttributeError, OverflowError, RuntimeError) as error:
         raise ValueError(f"{path}: {error}") from error
     return model.eval()
 
 
-def write_intervals(path: Path | str, factors: Mapping[str, IntervalFactors]) -> None:
-    """Put interval factors in the place of a checkpoint's own, leaving everything else in it as it is.
+def write_calibration(path: Path | str, keypoint_share: float, factors: Mapping[str, IntervalFactors]) -> None:
+    """Put a calibration in the place of a checkpoint's own, leaving everything else in it as it is.
+
+    Args:
+        path: the checkpoint.
+        keypoint_share: doubt of the keypoints as a share of the boat's size (see :mod:`usvnet.keypoint_noise`).
+        factors: of the intervals, by estimator.
 
     Raises:
         FileNotFoundError: no such file.
         ValueError: the file is not a checkpoint of usvnet.
     """
     checkpoint = read_checkpoint(path)
+    checkpoint[STAMP]["keypoint_share"] = keypoint_share
     checkpoint[STAMP]["intervals"] = {name: list(found) for name, found in factors.items()}
     with atomic_write(path) as temporary:
         torch.save(checkpoint, temporary)

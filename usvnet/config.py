@@ -16,8 +16,10 @@ class LossWeights:
         keypoint: similarity of the coarse keypoints; as in Table 1 of the paper.
         visibility: binary cross entropy of "is seen".
         heatmap: divergence of the heatmaps; at 4, half a pixel costs about as much here as in the coarse keypoints.
+            Counts for the refined heatmaps too.
         range: relative error of the slant range.
-        covariance: likelihood of the labels under the keypoints' covariance; starts together with the range.
+        covariance: likelihood of the labels under the keypoints' covariance; starts together with the range. Counts for
+            the refined keypoints too.
     """
 
     box: float = 7.5

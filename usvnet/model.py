@@ -1,13 +1,21 @@
-"""The whole method in one differentiable module: image -> network -> heatmaps -> keypoints -> camera -> range."""
+"""The whole method in one differentiable module: image -> network -> heatmaps -> keypoints -> camera -> range.
+
+With ``refine="native"`` the keypoints of far boats are read a second time, from crops of the picture before it was
+shrunk (:mod:`usvnet.network.refiner`).
+"""
+
+from typing import Literal
 
 from torch import Tensor, nn
 
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.heatmap import decode
 from usvnet.intervals import IntervalScale
+from usvnet.keypoint_noise import KeypointNoise
 from usvnet.network.nms import select_boats
+from usvnet.network.refiner import Refiner
 from usvnet.network.variants import build_network
-from usvnet.types import Camera, Hull, Prediction
+from usvnet.types import Camera, Hull, Native, Prediction
 
 
 class USVNet(nn.Module):
@@ -23,6 +31,10 @@ class USVNet(nn.Module):
         score_threshold: lowest score reported.
         iou_threshold: boxes overlapping a better one by more than this are dropped (the paper's Table 1: 0.7).
         curved_water: range on the curved Earth with refraction, for long range.
+        refine: "native" looks at far boats again in the picture as the camera took it; None does not.
+
+    Raises:
+        ValueError: unknown variant or refinement.
     """
 
     def __init__(
@@ -32,17 +44,24 @@ class USVNet(nn.Module):
         score_threshold: float = 0.001,
         iou_threshold: float = 0.7,
         curved_water: bool = False,
+        refine: Literal["native"] | None = None,
     ):
         super().__init__()
         self.variant = variant
         self.max_boats = max_boats
         self.score_threshold = score_threshold
         self.iou_threshold = iou_threshold
+        if refine not in (None, "native"):
+            raise ValueError(f"refine: got '{refine}', expected native or nothing")
         self.network = build_network(variant)
+        self.refiner = Refiner() if refine else None
+        self.noise = KeypointNoise()
         self.ranging = RangingLayer(curved_water)
         self.intervals = IntervalScale()
 
-    def forward(self, image: Tensor, camera: Camera, hull: Hull | None = None) -> Prediction:
+    def forward(
+        self, image: Tensor, camera: Camera, hull: Hull | None = None, native: Native | None = None
+    ) -> Prediction:
         """Find and range the boats.
 
         Args:
@@ -50,6 +69,8 @@ class USVNet(nn.Module):
                 (64 with YOLOv8-P6).
             camera: the B cameras of these very pictures (see :func:`usvnet.geometry.camera.letterbox_camera`).
             hull: the shape of the boats in each picture; None takes a generic one of uncertain size.
+            native: the pictures that ``image`` was made from, to refine keypoints on; without them, or without
+                ``refine``, the keypoints are the detector's.
 
         Returns:
             Up to N boats a picture, best first.
@@ -57,6 +78,10 @@ class USVNet(nn.Module):
         output = self.network(image)
         boats = select_boats(output, self.max_boats, self.score_threshold, self.iou_threshold)
         keypoints_px, covariance_px2 = self.locate(output.heatmap_logits, boats.keypoints_px)
+        if self.refiner is not None and native is not None:
+            refined = self.refiner(native, boats.boxes_px, keypoints_px, covariance_px2, boats.present)
+            keypoints_px, covariance_px2 = refined.keypoints_px, refined.covariance_px2
+        covariance_px2 = self.noise(covariance_px2, boats.boxes_px)
         ranges = self.ranging(keypoints_px, covariance_px2, boats.boxes_px, camera, hull)
         return Prediction(
             boxes_px=boats.boxes_px,

@@ -1,6 +1,6 @@
 """Training and validation of :class:`usvnet.model.USVNet` as a Lightning module."""
 
-from typing import Any
+from typing import Any, Literal, Self
 
 import torch
 from lightning.pytorch import Callback, LightningModule
@@ -16,7 +16,17 @@ from usvnet.evaluation.scores import Scores, score
 from usvnet.losses import Assignment, Criterion, RangeCurriculum, assign, keypoint_error
 from usvnet.model import USVNet
 from usvnet.optimiser import WarmupSchedule, build_optimiser, resolve_auto, warmup_steps
-from usvnet.types import NEAREST_WATERLINE, WATERLINE_KEYPOINTS, Batch, Boats, Camera, Hull, NetworkOutput, Prediction
+from usvnet.types import (
+    NEAREST_WATERLINE,
+    WATERLINE_KEYPOINTS,
+    Batch,
+    Boats,
+    Camera,
+    Hull,
+    Native,
+    NetworkOutput,
+    Prediction,
+)
 
 
 class USVModule(LightningModule):
@@ -35,6 +45,12 @@ class USVModule(LightningModule):
         ema_ramp_steps: steps over which the averaging slows down to ``ema_decay``.
         initial_weights: checkpoint of the same size whose weights training starts from, to adapt a network to other
             boats or waters; None starts from random weights.
+        refine: "native" also trains a small network that looks at far boats again in the picture as the camera took it
+            (needs ``data.native_size``).
+        freeze: "detector" leaves the detector as ``initial_weights`` has it and trains the refinement alone.
+
+    Raises:
+        ValueError: settings that do not fit together, or weights that do not fit.
     """
 
     def __init__(
@@ -48,23 +64,39 @@ class USVModule(LightningModule):
         ema_decay: float = 0.9999,
         ema_ramp_steps: float = 2000.0,
         initial_weights: str | None = None,
+        refine: Literal["native"] | None = None,
+        freeze: Literal["detector"] | None = None,
     ) -> None:
         super().__init__()
-        self.model = USVNet(variant, curved_water=curved_water)
+        if freeze is not None and (refine is None or initial_weights is None):
+            raise ValueError("freeze is detector, which needs initial_weights for it and refine: native to train")
+        self.model = USVNet(variant, curved_water=curved_water, refine=refine)
         if initial_weights is not None:
-            self.model.load_state_dict(load_model(initial_weights, variant).state_dict())
+            own, found = self.model.state_dict(), load_model(initial_weights, variant).state_dict()
+            self.model.load_state_dict({name: found.get(name, own[name]) for name in own})  # a refiner may be new
+        self.freeze_detector = freeze is not None
+        self.model.network.requires_grad_(not self.freeze_detector)
         self.model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # as the batches are: faster
         self.criterion = Criterion(loss_weights)
         self.optimiser = optimiser
         self.range_loss_start_epoch = range_loss_start_epoch
         self.curriculum = RangeCurriculum(range_loss_error)
         self.average = MovingAverage(ema_decay, ema_ramp_steps)
-        self.stamp = {"variant": variant, "curved_water": curved_water}
+        self.stamp = {"variant": variant, "curved_water": curved_water, "refine": refine}
         self._scored: dict[int, tuple[list[BoatRecord], list[TruthRecord]]] = {}
 
-    def forward(self, image: Tensor, camera: Camera, hull: Hull | None = None) -> Prediction:
+    def train(self, mode: bool = True) -> Self:
+        """Set training or evaluation mode; a frozen detector stays in evaluation mode, its norms as they are."""
+        super().train(mode)
+        if self.freeze_detector:
+            self.model.network.eval()
+        return self
+
+    def forward(
+        self, image: Tensor, camera: Camera, hull: Hull | None = None, native: Native | None = None
+    ) -> Prediction:
         """Find and range the boats, see :meth:`usvnet.model.USVNet.forward`."""
-        prediction: Prediction = self.model(image, camera, hull)
+        prediction: Prediction = self.model(image, camera, hull, native)
         return prediction
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
@@ -87,10 +119,16 @@ class USVModule(LightningModule):
         with torch.autocast(batch.image.device.type, enabled=False):
             output = NetworkOutput(*[tensor.float() for tensor in output])
             assignment = assign(output, batch.boats)
-            keypoints_px, slant_m, valid = self.ranges(output, assignment, batch.boats, batch.camera)
+            boxes_px, keypoints_px, covariance_px2 = self.located(output, assignment)
+            refinement = None
+            if self.model.refiner is not None and batch.native is not None:
+                present = batch.boats.present
+                refinement = self.model.refiner(batch.native, boxes_px, keypoints_px, covariance_px2, present)
+                keypoints_px, covariance_px2 = refinement.keypoints_px, refinement.covariance_px2
+            slant_m, valid = self.ranges(keypoints_px, covariance_px2, batch.boats, batch.camera)
             if self.training:
                 self.curriculum.update(self._mean_over_processes(keypoint_error(keypoints_px, batch.boats)))
-            return self.criterion(output, batch.boats, assignment, slant_m, valid, self.range_scale())
+            return self.criterion(output, batch.boats, assignment, slant_m, valid, self.range_scale(), refinement)
 
     def range_scale(self) -> Tensor:
         """How far laser ranges teach at present, 0 to 1."""
@@ -104,27 +142,35 @@ class USVModule(LightningModule):
         torch.distributed.all_reduce(total)
         return total[0] / total[1]
 
-    def ranges(
-        self, output: NetworkOutput, assignment: Assignment, boats: Boats, camera: Camera
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Range each labelled boat from its best anchor, to the point that its laser reading belongs to.
+    def located(self, output: NetworkOutput, assignment: Assignment) -> tuple[Tensor, Tensor, Tensor]:
+        """What the detector says of each labelled boat, read at the boat's best anchor.
 
         Returns:
-            (B, N, 7, 2) keypoints, (B, N) slant range in metres and (B, N) whether there is one.
+            (B, N, 4) boxes, (B, N, 7, 2) keypoints and (B, N, 7, 2, 2) their covariance.
         """
         picture = torch.arange(len(assignment.best_anchor), device=assignment.best_anchor.device).unsqueeze(1)
         coarse_px = output.keypoints_px[picture, assignment.best_anchor]
         keypoints_px, covariance_px2 = self.model.locate(output.heatmap_logits, coarse_px)
+        return output.boxes_px[picture, assignment.best_anchor], keypoints_px, covariance_px2
+
+    def ranges(
+        self, keypoints_px: Tensor, covariance_px2: Tensor, boats: Boats, camera: Camera
+    ) -> tuple[Tensor, Tensor]:
+        """Range each labelled boat from its keypoints, to the point that its laser reading belongs to.
+
+        Returns:
+            (B, N) slant range in metres and (B, N) whether there is one.
+        """
         estimate = self.model.ranging.range_points(keypoints_px.flatten(1, 2), covariance_px2.flatten(1, 2), camera)
-        slant_m = estimate.slant_m.unflatten(1, coarse_px.shape[1:3])
+        slant_m = estimate.slant_m.unflatten(1, keypoints_px.shape[1:3])
         nearest_m = slant_m[..., WATERLINE_KEYPOINTS].amin(-1)
         named_m = slant_m.gather(-1, boats.reference.clamp(min=0).unsqueeze(-1)).squeeze(-1)
         chosen_m = torch.where(boats.reference == NEAREST_WATERLINE, nearest_m, named_m)
-        return keypoints_px, chosen_m, chosen_m.isfinite()
+        return chosen_m, chosen_m.isfinite()
 
     def validation_step(self, batch: Batch, batch_idx: int) -> dict[str, Prediction]:
         """Predict with the averaged weights and keep the boats for scoring."""
-        prediction = self(batch.image, batch.camera, batch.hull)
+        prediction = self(batch.image, batch.camera, batch.hull, batch.native)
         pictures = zip(to_records(prediction), to_truths(batch.boats), strict=True)
         self._scored.update(zip(batch.frame_index.tolist(), pictures, strict=True))
         return {"prediction": prediction}
@@ -164,8 +210,11 @@ class USVModule(LightningModule):
         checkpoint["range_curriculum"] = float(self.curriculum.error)
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Refuse a checkpoint of another size; take up the curriculum."""
-        check_variant(self.trainer.ckpt_path or "checkpoint", checkpoint, self.model.variant)
+        """Refuse a checkpoint of another size or refinement; take up the curriculum."""
+        path = self.trainer.ckpt_path or "checkpoint"
+        check_variant(path, checkpoint, self.model.variant)
+        if (found := checkpoint[STAMP].get("refine")) != self.stamp["refine"]:
+            raise ValueError(f"{path}: got a run with model.refine {found}, expected {self.stamp['refine']}")
         self.curriculum.error = torch.tensor(checkpoint.get("range_curriculum", 1.0))
 
 

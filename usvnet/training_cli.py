@@ -76,10 +76,19 @@ class TrainingCLI(LightningCLI):
         self.trainer_defaults = {**TRAINER_DEFAULTS, "callbacks": run_callbacks(self.config.run_dir)}
 
     def instantiate_classes(self) -> None:
-        """Build model, data and trainer, and make sure that the pictures fit the network."""
+        """Build model, data and trainer, and make sure that the pictures fit the network.
+
+        Raises:
+            ValueError: they do not.
+        """
         super().instantiate_classes()
         for key in ("image_size", "eval_image_size"):
             check_picture_size(self.model.model.network, f"data.{key}", getattr(self.datamodule, key))
+        refine, native_size = self.model.model.refiner is not None, self.datamodule.native_size
+        if refine and native_size is None:
+            raise ValueError("model.refine is native, which needs data.native_size: the longer side of the pictures")
+        if native_size is not None and not refine:
+            raise ValueError(f"data.native_size is {native_size}, which needs model.refine to be native")
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:
         """Build the trainer with its logger in the run folder."""

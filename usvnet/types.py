@@ -107,6 +107,15 @@ class Boats(NamedTuple):
     """(B, N) int64: the keypoint that the range belongs to, or NEAREST_WATERLINE."""
 
 
+class Native(NamedTuple):
+    """B pictures as the camera took them, of which the images that the detector sees are shrunk and shifted copies."""
+
+    picture: Tensor
+    """(B, 3, H, W) uint8 RGB, of one size."""
+    to_image: Tensor
+    """(B, 3, 3) map from its pixels to those of the image: positive scales and a shift."""
+
+
 class Batch(NamedTuple):
     """What the data loader hands to training and evaluation."""
 
@@ -119,6 +128,8 @@ class Batch(NamedTuple):
     """(B,) int64 position in the dataset."""
     hull: Hull
     """The hull that each picture shows, mirrored where the picture is; a generic one where none is known."""
+    native: Native | None = None
+    """The same pictures before they were shrunk, where keypoints are refined on them."""
 
 
 class NetworkOutput(NamedTuple):

@@ -28,6 +28,8 @@ class BoatDataModule(LightningDataModule):
         eval_image_size: the same for validation and test; null for ``image_size``. With a training zoom that reaches
             ``eval_image_size / image_size``, a network trained on cheap small crops is at home in large pictures, save
             for boats that filled the crops: their ends were told by borders that large pictures do not have.
+        native_size: side of the square that pictures of ``eval_image_size`` are shrunk from, for ``model.refine``;
+            training pictures are shrunk as far. The longer side of the camera's pictures is right. null for none.
         batch_size: pictures a batch.
         num_workers: processes that prepare batches; 0 prepares them in the training process.
         cache_mb: memory for decoded pictures, for each split.
@@ -40,6 +42,7 @@ class BoatDataModule(LightningDataModule):
         root: str,
         image_size: int = 320,
         eval_image_size: int | None = None,
+        native_size: int | None = None,
         batch_size: int = 16,
         num_workers: int = 0,
         cache_mb: int = 1024,
@@ -50,6 +53,11 @@ class BoatDataModule(LightningDataModule):
         for name, size in (("image_size", image_size), ("eval_image_size", eval_image_size)):
             if size is not None and (size <= 0 or size % 32):
                 raise ValueError(f"{name} is {size}, expected a multiple of 32")
+        if native_size is not None and native_size < (eval_image_size or image_size):
+            raise ValueError(
+                f"native_size is {native_size}, expected at least the {eval_image_size or image_size} of the network's "
+                "pictures"
+            )
         if batch_size < 1 or num_workers < 0 or cache_mb < 0:
             raise ValueError(
                 f"batch_size is {batch_size}, num_workers {num_workers}, cache_mb {cache_mb}, expected at least 1, 0, 0"
@@ -57,6 +65,7 @@ class BoatDataModule(LightningDataModule):
         self.root = Path(root)
         self.image_size = image_size
         self.eval_image_size = eval_image_size or image_size
+        self.native_size = native_size
         self.batch_size = batch_size
         self.num_workers = num_workers
         self.cache_mb = cache_mb
@@ -78,11 +87,10 @@ class BoatDataModule(LightningDataModule):
         """
         if split not in self._datasets:
             frames = see_horizons(read_dataset(self.root, split, attitude=self.attitude), self.attitude)
-            if split == "train":
-                dataset = BoatDataset(frames, self.image_size, self.augmentation, self.cache_mb)
-            else:
-                dataset = BoatDataset(frames, self.eval_image_size, None, self.cache_mb)
-            self._datasets[split] = dataset
+            training = split == "train"
+            size_px, augmentation = (self.image_size, self.augmentation) if training else (self.eval_image_size, None)
+            native_px = self.native_size and round(self.native_size * size_px / self.eval_image_size)
+            self._datasets[split] = BoatDataset(frames, size_px, augmentation, self.cache_mb, native_px)
         return self._datasets[split]
 
     def frames(self, split: str) -> list[Frame]:

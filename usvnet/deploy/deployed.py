@@ -69,10 +69,18 @@ class DeployedUSVNet(nn.Module):
     Args:
         model: left as it is.
         score_threshold: lowest score that counts as a boat.
+
+    Raises:
+        ValueError: the model refines keypoints on native pictures, which the interface does not take.
     """
 
     def __init__(self, model: USVNet, score_threshold: float = 0.25) -> None:
         super().__init__()
+        if model.refiner is not None:
+            raise ValueError(
+                "a model with refine: native needs the native picture beside the image, which exported files do not "
+                "take: use its checkpoint, or export one trained without refine"
+            )
         model = copy.deepcopy(model).eval().requires_grad_(False)
         fold_norms(model)
         model.score_threshold = 0.0

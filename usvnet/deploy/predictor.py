@@ -19,7 +19,7 @@ from usvnet.geometry.camera_files import load_camera
 from usvnet.geometry.hull_files import load_hull
 from usvnet.geometry.hull_model import hull_to, stack_hulls
 from usvnet.model import USVNet
-from usvnet.types import Camera, Hull
+from usvnet.types import Camera, Hull, Native
 
 Picture = NDArray[np.uint8]
 """(H, W, 3) RGB."""
@@ -34,7 +34,8 @@ class Predictor:
     """A trained network behind one camera: ``Predictor("best.ckpt", "camera.yaml")(picture)`` lists the boats.
 
     Pictures may be of any size that has the shape of the camera's: the camera is scaled along. Inside they are
-    letterboxed to the network's size; boxes, keypoints and covariances come back in the picture's own pixels.
+    letterboxed to the network's size; boxes, keypoints and covariances come back in the picture's own pixels. A network
+    trained with ``model.refine`` looks at far boats again in the pictures as they are.
 
     Args:
         checkpoint: written by train.py, or a model in memory.
@@ -70,6 +71,7 @@ class Predictor:
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
         model = copy.deepcopy(checkpoint) if isinstance(checkpoint, USVNet) else load_model(checkpoint)
         self.stride_px = model.network.largest_stride_px
+        self.refines = model.refiner is not None
         self.factors = model.intervals.factors()
         self.model = _made_fast(model, confidence).to(self.device)
         self._cameras: dict[tuple[int, int], Camera] = {}
@@ -108,8 +110,12 @@ class Predictor:
         image = torch.from_numpy(seen).to(self.device).permute(0, 3, 1, 2).float().div_(255)  # channels_last already
         seeing = camera_to(letterbox_camera(stack_cameras(cameras), input_px), self.device)
         hulls = None if self.hull is None else hull_to(stack_hulls([self.hull] * len(pictures)), self.device)
+        native = None
+        if self.refines:
+            taken = torch.from_numpy(np.stack(pictures)).to(self.device).permute(0, 3, 1, 2)
+            native = Native(taken, letterbox.to(image).expand(len(pictures), 3, 3))
         with torch.inference_mode():
-            prediction = self.model(image, seeing, hulls)
+            prediction = self.model(image, seeing, hulls, native)
         return to_records(prediction, letterbox.expand(len(pictures), 3, 3), self.factors)
 
     def warm_up(self) -> None:

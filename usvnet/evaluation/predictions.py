@@ -25,6 +25,7 @@ from usvnet.geometry.camera import camera_to
 from usvnet.geometry.hull_model import hull_to
 from usvnet.intervals import IntervalFactors
 from usvnet.model import USVNet
+from usvnet.types import Native
 
 Meta = dict[str, Any]
 """What predictions depend on; values that JSON can hold."""
@@ -137,7 +138,8 @@ def predict_pictures(model: USVNet, dataset: BoatDataset, batch_size: int = 16) 
     for batch in track(loader, "Predicting", console=Console(stderr=True), transient=True):
         image = batch.image.to(device, memory_format=torch.channels_last)
         with torch.inference_mode():
-            prediction = model(image, camera_to(batch.camera, device), hull_to(batch.hull, device))
+            native = None if batch.native is None else Native(*(tensor.to(device) for tensor in batch.native))
+            prediction = model(image, camera_to(batch.camera, device), hull_to(batch.hull, device), native)
         indices = batch.frame_index.tolist()
         letterbox = torch.stack([dataset.letterbox_matrix(index) for index in indices])
         for index, boats in zip(indices, to_records(prediction, letterbox, factors)):

@@ -39,7 +39,13 @@ def robust_nll(error: Tensor, covariance: Tensor) -> Tensor:
 
 
 def covariance_loss(
-    logits: Tensor, coarse_px: Tensor, boats: Boats, sigma_cells: float, radius: int, floor_px2: float
+    logits: Tensor,
+    coarse_px: Tensor,
+    boats: Boats,
+    sigma_cells: float,
+    radius: int,
+    floor_px2: float,
+    stride: int = heatmap.HEATMAP_STRIDE,
 ) -> Tensor:
     """Robust likelihood of the labels under the decoded keypoints and their covariance.
 
@@ -49,18 +55,18 @@ def covariance_loss(
     variance to its floor, the slope passes through to the raw one, or a heatmap too sharp could never learn better.
 
     Args:
-        logits: (B, K, h, w) at :data:`usvnet.heatmap.HEATMAP_STRIDE`.
+        logits: (B, K, h, w)
         coarse_px: (B, N, K, 2) where each boat's heatmaps are read, as in use.
         boats: the N labelled boats; hidden keypoints count, those of visibility 0 do not.
         sigma_cells: standard deviation of the heatmap's target.
         radius: of the window, as in decoding.
         floor_px2: least variance, as in decoding.
+        stride: pixels per cell.
 
     Returns:
         Mean over the labelled keypoints of the weighted likelihood less that of the best that decoding can say, in
         nats: 0 for exact keypoints with the floor as their covariance, and where there is no keypoint.
     """
-    stride = heatmap.HEATMAP_STRIDE
     floor = floor_px2 / stride**2
     mean, spread, readable = heatmap.window_moments(logits, coarse_px, stride, radius, sigma_cells)
     counts = (boats.visibility > 0) & boats.present.unsqueeze(-1) & readable.squeeze(-1)

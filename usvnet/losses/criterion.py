@@ -5,11 +5,13 @@ from torch import Tensor, nn
 
 from usvnet import heatmap
 from usvnet.config import LossWeights
+from usvnet.crops import REFINED_STRIDE, Refinement
 from usvnet.losses.assigner import Assignment
 from usvnet.losses.covariances import covariance_loss
 from usvnet.losses.detection import box_loss, classification_loss, distribution_focal_loss, side_distances
 from usvnet.losses.keypoints import heatmap_loss, keypoint_loss, visibility_loss
 from usvnet.losses.ranges import range_loss
+from usvnet.losses.refinement import boats_in_crops
 from usvnet.types import Boats, NetworkOutput
 
 HEATMAP_JITTER_CELLS = 3
@@ -58,6 +60,7 @@ class Criterion(nn.Module):
         slant_m: Tensor,
         slant_valid: Tensor,
         range_scale: Tensor | float = 1.0,
+        refinement: Refinement | None = None,
     ) -> dict[str, Tensor]:
         """The losses of a batch.
 
@@ -70,11 +73,13 @@ class Criterion(nn.Module):
             slant_m: (B, N) predicted slant range of the point that each boat's range label belongs to.
             slant_valid: (B, N) bool, whether that range exists.
             range_scale: further factor on the weights of the range and of the covariance, for a curriculum.
+            refinement: the second look at these boats, where there was one.
 
         Returns:
             Scalars: ``total``, the weighted sum (not multiplied by the batch size), to differentiate; and, detached
             and unweighted, ``box``, ``dfl``, ``classification``, ``keypoint``, ``visibility``, ``heatmap``, ``range``,
-            ``covariance``.
+            ``covariance`` and, with a refinement, ``refined_heatmap`` and ``refined_covariance``, which have the
+            weights of their namesakes.
         """
         picture, anchor = assignment.foreground.nonzero(as_tuple=True)
         boat = assignment.boat_index[picture, anchor]
@@ -115,8 +120,29 @@ class Criterion(nn.Module):
                 heatmap.COVARIANCE_FLOOR_PX2,
             ),
         }
-        scale = {name: getattr(self.weights, name) for name in losses}
-        scale["range"] *= range_scale
-        scale["covariance"] *= range_scale
+        if refinement is not None:
+            losses |= self.refined(refinement, boats, jitter_cells)
+        scale = {name: getattr(self.weights, name.removeprefix("refined_")) for name in losses}
+        for name in scale.keys() & {"range", "covariance", "refined_covariance"}:
+            scale[name] *= range_scale
         total = torch.stack([scale[name] * loss for name, loss in losses.items()]).sum()
         return {name: loss.detach() for name, loss in losses.items()} | {"total": total}
+
+    def refined(self, refinement: Refinement, boats: Boats, jitter_cells: int) -> dict[str, Tensor]:
+        """The losses of the refined heatmaps."""
+        logits, labels = refinement.heatmap_logits, boats_in_crops(refinement, boats)
+        reach, hints_px = heatmap.SEARCH_FACTOR * self.heatmap_radius, refinement.hints_px.detach().unsqueeze(1)
+        return {
+            "refined_heatmap": heatmap_loss(
+                logits, labels, self.heatmap_sigma_cells, reach, jitter_cells, REFINED_STRIDE
+            ),
+            "refined_covariance": covariance_loss(
+                logits,
+                hints_px,
+                labels,
+                self.heatmap_sigma_cells,
+                self.heatmap_radius,
+                heatmap.COVARIANCE_FLOOR_PX2,
+                REFINED_STRIDE,
+            ),
+        }

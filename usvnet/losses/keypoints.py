@@ -51,7 +51,14 @@ def visibility_loss(visibility_logits: Tensor, visibility: Tensor) -> Tensor:
     return (loss * labelled).sum() / labelled.sum().clamp(min=1)
 
 
-def heatmap_loss(logits: Tensor, boats: Boats, sigma_cells: float, radius: int, jitter_cells: int = 0) -> Tensor:
+def heatmap_loss(
+    logits: Tensor,
+    boats: Boats,
+    sigma_cells: float,
+    radius: int,
+    jitter_cells: int = 0,
+    stride: int = heatmap.HEATMAP_STRIDE,
+) -> Tensor:
     """Train the distribution that the local soft-argmax reads.
 
     Around each labelled keypoint the softmax over a window of the heatmap is held against a Gaussian about the exact
@@ -59,18 +66,19 @@ def heatmap_loss(logits: Tensor, boats: Boats, sigma_cells: float, radius: int, 
     and so 0 when perfect. In use the window sits around a coarse keypoint that is a little off, hence the jitter.
 
     Args:
-        logits: (B, K, h, w) at :data:`usvnet.heatmap.HEATMAP_STRIDE`.
+        logits: (B, K, h, w)
         boats: the labelled boats; hidden keypoints count, those of visibility 0 do not.
         sigma_cells: standard deviation of the target.
         radius: the window has 2 * radius + 1 cells a side.
         jitter_cells: the window is moved by a uniformly random whole number of cells up to this, in both axes.
+        stride: pixels per cell.
 
     Returns:
         Mean over the labelled keypoints, in nats; 0 where there is none.
     """
     labelled = (boats.visibility > 0) & boats.present.unsqueeze(-1)
     keypoints_px = torch.where(labelled.unsqueeze(-1), boats.keypoints_px, 0.0)
-    exact_cell = heatmap.px_to_cell(keypoints_px.to(logits.dtype), heatmap.HEATMAP_STRIDE)
+    exact_cell = heatmap.px_to_cell(keypoints_px.to(logits.dtype), stride)
     centre_cell = exact_cell.round().long()
     if jitter_cells > 0:
         centre_cell = centre_cell + torch.randint_like(centre_cell, -jitter_cells, jitter_cells + 1)

@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 
 from usvnet.data.augmentation.config import AugmentationConfig
-from usvnet.data.augmentation.geometric import Source, View, plain_view, random_view
+from usvnet.data.augmentation.geometric import Source, View, plain_view, random_view, shrink_view
 from usvnet.data.augmentation.mosaic import mosaic
 from usvnet.data.augmentation.paste import paste_boat
 from usvnet.data.augmentation.photometric import change_light
 
-__all__ = ["AugmentationConfig", "Source", "View", "augment", "plain_view"]
+__all__ = ["AugmentationConfig", "Source", "View", "augment", "plain_view", "shrink_view"]
 
 
 def augment(

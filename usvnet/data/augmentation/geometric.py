@@ -49,6 +49,12 @@ def plain_view(source: Source, size_px: tuple[int, int]) -> View:
     return View(picture, move_frame(source.frame, letterbox, size_px))
 
 
+def shrink_view(view: View, size_px: tuple[int, int]) -> View:
+    """Show a view in ``size_px`` (width, height)."""
+    A = resize_matrix(view.frame.size_px, size_px)
+    return View(warp(view.picture, A, size_px), move_frame(view.frame, A, size_px))
+
+
 def random_view(
     source: Source,
     size_px: tuple[int, int],

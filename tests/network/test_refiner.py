@@ -1,0 +1,143 @@
+"""The second look: what it may touch, what its gradient reaches, and that it learns."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from usvnet.crops import Refinement, from_crop
+from usvnet.losses.keypoints import heatmap_loss
+from usvnet.losses.refinement import boats_in_crops
+from usvnet.network.refiner import Refiner
+from usvnet.types import NEAREST_WATERLINE, Boats, Native
+
+SCALE = 3
+"""Native pixels of one pixel of the image."""
+IMAGE_PX = 64
+COLOURS = torch.tensor([[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0], [255, 0, 255], [0, 255, 255], [0, 0, 0]])
+TO_IMAGE = torch.tensor([[1 / SCALE, 0, 0.5 / SCALE - 0.5], [0, 1 / SCALE, 0.5 / SCALE - 0.5], [0, 0, 1]])
+
+
+def boats(count: int) -> Boats:
+    """One boat of seven keypoints in each of ``count`` images, somewhere in a box of 24 x 16 px."""
+    keypoints_px = torch.rand(count, 1, 7, 2) * torch.tensor([20.0, 12.0]) + 22
+    return Boats(
+        boxes_px=torch.tensor([20.0, 20, 44, 36]).expand(count, 1, 4),
+        keypoints_px=keypoints_px,
+        visibility=torch.full((count, 1, 7), 2),
+        present=torch.ones(count, 1, dtype=torch.bool),
+        range_m=torch.zeros(count, 1),
+        range_std_m=torch.zeros(count, 1),
+        reference=torch.full((count, 1), NEAREST_WATERLINE),
+    )
+
+
+def seen(labels: Boats) -> Native:
+    """Native pictures of the boats: a soft dot of its own colour on each keypoint."""
+    side = torch.arange(float(SCALE * IMAGE_PX))
+    native_px = (labels.keypoints_px[:, 0] - TO_IMAGE[:2, 2]) * SCALE
+    near = [torch.exp(-(side - native_px[..., axis, None]).square() / 8) for axis in (0, 1)]
+    dots = torch.einsum("bkv,bku->bkvu", near[1], near[0])
+    picture = torch.full((len(dots), 3, len(side), len(side)), 128.0)
+    for dot, colour in zip(dots.unbind(1), COLOURS):
+        picture = torch.lerp(picture, colour[:, None, None].float(), dot[:, None])
+    return Native(picture.to(torch.uint8), TO_IMAGE.expand(len(dots), 3, 3))
+
+
+def look(refiner: Refiner, labels: Boats, error_px: float) -> Refinement:
+    """Refine from keypoints that are ``error_px`` off, along each axis, in the image's pixels."""
+    keypoints_px = labels.keypoints_px + error_px * torch.randn_like(labels.keypoints_px)
+    covariance_px2 = torch.eye(2).expand(*keypoints_px.shape, 2)
+    refined: Refinement = refiner(seen(labels), labels.boxes_px, keypoints_px, covariance_px2, labels.present)
+    return refined
+
+
+def median_error_px(refiner: Refiner, labels: Boats) -> float:
+    with torch.no_grad():
+        found = look(refiner, labels, error_px=1.0)
+    return float((found.keypoints_px - labels.keypoints_px).norm(dim=-1).median())
+
+
+def refiner(seed: int = 0) -> Refiner:
+    torch.manual_seed(seed)
+    return Refiner().eval()
+
+
+def test_a_short_run_learns_to_be_five_times_as_exact_as_its_hints_and_as_untrained():
+    model, unseen = refiner(), boats(8)
+    untrained_px = median_error_px(model, unseen)
+    optimiser = torch.optim.AdamW(model.parameters(), lr=0.003)
+    model.train()
+    for _ in range(40):
+        labels = boats(4)
+        found = look(model, labels, error_px=1.0)
+        loss: Tensor = heatmap_loss(found.heatmap_logits, boats_in_crops(found, labels), 1.0, 12, 0, model.stride)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+    for norm in (module for module in model.modules() if isinstance(module, torch.nn.BatchNorm2d)):
+        norm.momentum = None  # an average over all batches: 0.03 still remembers its arbitrary start
+        norm.reset_running_stats()
+    with torch.no_grad():
+        for _ in range(4):
+            look(model, boats(4), error_px=1.0)
+    trained_px = median_error_px(model.eval(), unseen)
+    assert untrained_px > 1.0  # the hints' own median error is 1.18 px
+    assert trained_px < 0.2
+
+
+def test_scripted_equals_eager():
+    model, labels = refiner(), boats(3)
+    covariance_px2 = torch.eye(2).expand(3, 1, 7, 2, 2)
+    arguments = (seen(labels), labels.boxes_px, labels.keypoints_px, covariance_px2, labels.present)
+    with torch.no_grad():
+        eager, scripted = model(*arguments), torch.jit.script(model)(*arguments)
+    assert (eager.keypoints_px != labels.keypoints_px).any()
+    torch.testing.assert_close(scripted.keypoints_px, eager.keypoints_px, rtol=0, atol=1e-4)
+    torch.testing.assert_close(scripted.covariance_px2, eager.covariance_px2, rtol=1e-4, atol=1e-4)
+
+
+def test_perfect_heatmaps_give_the_labels_back():
+    """What the crop's pixels say must land on the image's, through stride, crop and letterbox."""
+    model, labels = refiner(), boats(3)
+    variance_cells2 = model.hint_sigma_cells**2
+    model.heatmaps.forward = lambda crop, hints: variance_cells2 * hints.clamp(min=1e-30).log()  # the hints are right
+    found = look(model, labels, error_px=0.0)
+    torch.testing.assert_close(found.keypoints_px, labels.keypoints_px, rtol=0, atol=0.02)
+    torch.testing.assert_close(from_crop(found.hints_px, found.crops), labels.keypoints_px[:, 0], rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("why", ["absent", "large", "hint outside"])
+def test_what_is_not_looked_at_is_left_alone(why):
+    model, labels = refiner(), boats(2)
+    if why == "absent":
+        labels = labels._replace(present=torch.zeros_like(labels.present))
+    elif why == "large":
+        labels = labels._replace(boxes_px=10 * labels.boxes_px)
+    else:
+        labels = labels._replace(keypoints_px=labels.keypoints_px + 100)
+    found = look(model, labels, error_px=0.0)
+    assert len(found.picture) == (2 if why == "hint outside" else 0)
+    torch.testing.assert_close(found.keypoints_px, labels.keypoints_px, rtol=0, atol=0)
+    torch.testing.assert_close(found.covariance_px2, torch.eye(2).expand(2, 1, 7, 2, 2), rtol=0, atol=0)
+
+
+def test_the_gradient_reaches_every_weight_and_the_detector_s_keypoints():
+    model, labels = refiner(), boats(2)
+    keypoints_px = labels.keypoints_px.clone().requires_grad_()
+    covariance_px2 = torch.eye(2).expand(2, 1, 7, 2, 2)
+    found = model(seen(labels), labels.boxes_px, keypoints_px, covariance_px2, labels.present)
+    (found.keypoints_px.sum() + found.covariance_px2.sum()).backward()
+    for name, parameter in model.named_parameters():
+        assert parameter.grad.isfinite().all(), name
+        assert name == "heatmaps.heatmap.bias" or parameter.grad.abs().sum() > 0, name  # softmax knows no constant
+    assert keypoints_px.grad.isfinite().all()
+    assert keypoints_px.grad.abs().sum() > 0
+
+
+def test_a_batch_without_boats_trains_without_nan():
+    model = refiner().train()
+    labels = boats(2)
+    found = look(model, labels._replace(present=torch.zeros_like(labels.present)), error_px=0.0)
+    found.heatmap_logits.sum().backward()
+    assert all(parameter.grad.isfinite().all() for parameter in model.parameters())
+    assert all(buffer.isfinite().all() for buffer in model.buffers())

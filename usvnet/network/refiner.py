@@ -1,0 +1,113 @@
+"""The second look: seven finer heatmaps of each boat from a crop of the native picture."""
+
+import torch
+from torch import Tensor, nn
+
+from usvnet.crops import (
+    CROP_SIZE_PX,
+    REFINED_STRIDE,
+    Crops,
+    Refinement,
+    cut,
+    from_crop,
+    inside_crop,
+    place_crops,
+    to_crop,
+)
+from usvnet.heatmap import decode, encode
+from usvnet.network.blocks import Bottleneck, Conv
+from usvnet.types import NUM_KEYPOINTS, Native
+
+HINT_SIGMA_CELLS = 3.0
+"""Spread of the maps that show where the detector saw the keypoints."""
+HINT_NOISE_PX = 3.0
+"""Training moves each boat's hints by this much together, and each by as much again (crop pixels, one standard
+deviation): on pictures that it trains on the detector is better than elsewhere, and copying it must not pay."""
+
+
+class RefinedHeatmaps(nn.Module):
+    """A small hourglass at strides 2, 4 and 8 of the crop: for one boat a tenth of the smallest detector's work."""
+
+    def __init__(self, hidden: int = 32) -> None:
+        super().__init__()
+        self.stem = Conv(3, hidden, 3, stride=2)
+        self.enter = Conv(hidden + NUM_KEYPOINTS, hidden, 3)
+        self.down4 = nn.Sequential(Conv(hidden, 2 * hidden, 3, stride=2), Bottleneck(2 * hidden, hidden))
+        self.down8 = nn.Sequential(
+            Conv(2 * hidden, 2 * hidden, 3, stride=2), *(Bottleneck(2 * hidden, 2 * hidden) for _ in range(2))
+        )
+        self.up4 = Conv(2 * hidden, hidden, 3)
+        self.up2 = Conv(hidden, hidden, 3)
+        self.enlarge = nn.Upsample(scale_factor=2.0, mode="bilinear")
+        self.heatmap = nn.Conv2d(hidden, NUM_KEYPOINTS, 1)
+
+    def forward(self, crop: Tensor, hints: Tensor) -> Tensor:
+        """(M, 3, S, S) and (M, 7, S / 2, S / 2) where the keypoints seem to be -> logits (M, 7, S / 2, S / 2)."""
+        stride2 = self.enter(torch.cat([self.stem(crop), hints], 1))
+        stride4 = self.down4(stride2)
+        stride8 = self.down8(stride4)
+        stride4 = self.up4(stride4 + self.enlarge(stride8))
+        return self.heatmap(self.up2(stride2 + self.enlarge(stride4)))
+
+
+class Refiner(nn.Module):
+    """Look again at the boats of which the native picture shows more than the image did.
+
+    End to end: the hints carry the gradient on to the detector's keypoints, so a range that is read from refined
+    keypoints teaches both networks. The crop's place is a choice and has no gradient.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.heatmaps = RefinedHeatmaps()
+        self.stride = REFINED_STRIDE
+        self.cells = CROP_SIZE_PX // REFINED_STRIDE
+        self.hint_sigma_cells = HINT_SIGMA_CELLS
+        self.hint_noise_px = HINT_NOISE_PX
+
+    def forward(
+        self, native: Native, boxes_px: Tensor, keypoints_px: Tensor, covariance_px2: Tensor, present: Tensor
+    ) -> Refinement:
+        """Refine the keypoints of N boats in B pictures.
+
+        A boat so large that its crop would be no finer than the image keeps what the detector says, and so does a
+        keypoint that the detector puts outside its boat's crop.
+
+        Args:
+            native: the pictures before they were shrunk.
+            boxes_px: (B, N, 4)
+            keypoints_px: (B, N, 7, 2) as the detector found them.
+            covariance_px2: (B, N, 7, 2, 2)
+            present: (B, N) bool, False for boats to leave alone.
+
+        Returns:
+            All keypoints, refined where they could be, and what training needs of the M boats looked at.
+        """
+        to_image = native.to_image.unsqueeze(1).expand(-1, boxes_px.shape[1], -1, -1)
+        all_crops = place_crops(boxes_px.flatten(0, 1), to_image.flatten(0, 1))
+        finer = (all_crops.step_px.squeeze(1) < 1).view_as(present)
+        picture, boat = torch.unbind((present & finer).nonzero(), 1)
+        flat = picture * boxes_px.shape[1] + boat
+        crops = Crops(all_crops.corner_px[flat], all_crops.step_px[flat])
+
+        hints_px = to_crop(keypoints_px[picture, boat], crops)
+        if self.training:
+            together, each = torch.randn_like(hints_px[:, :1]), torch.randn_like(hints_px)
+            hints_px = hints_px + self.hint_noise_px * (together + each)
+        hints = encode(hints_px, self.cells, self.cells, self.stride, self.hint_sigma_cells).exp()
+        logits = self.heatmaps(cut(native, picture, crops), hints).float()
+
+        found_px, found_px2 = decode(logits, hints_px.unsqueeze(1), self.stride)
+        readable = inside_crop(hints_px).unsqueeze(2)
+        refined_px = torch.where(readable, from_crop(found_px.squeeze(1), crops), keypoints_px[picture, boat])
+        scaled_px2 = found_px2.squeeze(1) * crops.step_px[:, :, None, None].square()
+        refined_px2 = torch.where(readable.unsqueeze(3), scaled_px2, covariance_px2[picture, boat])
+        return Refinement(
+            keypoints_px=keypoints_px.index_put([picture, boat], refined_px),
+            covariance_px2=covariance_px2.index_put([picture, boat], refined_px2),
+            picture=picture,
+            boat=boat,
+            crops=crops,
+            hints_px=hints_px,
+            heatmap_logits=logits,
+        )
