@@ -12,7 +12,7 @@ SOURCES = sorted([*ROOT.glob("usvnet/**/*.py"), *ROOT.glob("scripts/*.py"), *ROO
 
 LEVELS = [
     {"__init__", "types", "files", "config"},
-    {"geometry", "heatmap", "intervals", "keypoint_noise"},
+    {"geometry", "heatmap", "intervals", "keypoint_noise", "crops"},
     {"network", "losses", "data", "simulator", "metrics", "tracking"},
     {"model"},
     {"checkpoints", "optimiser", "pretrained", "visualize"},
