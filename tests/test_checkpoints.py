@@ -6,7 +6,7 @@ import math
 import pytest
 import torch
 
-from usvnet.checkpoints import load_model, sha256, write_intervals
+from usvnet.checkpoints import load_model, sha256, write_calibration
 from usvnet.intervals import ESTIMATORS, UNCALIBRATED, IntervalFactors
 from usvnet.model import USVNet
 
@@ -93,18 +93,27 @@ def test_sha256_of_a_file(tmp_path):
     assert sha256(path) == hashlib.sha256(b"bow, stern").hexdigest()
 
 
-def test_interval_factors_travel_in_the_checkpoint(model, checkpoint, tmp_path):
+def test_a_calibration_travels_in_the_checkpoint(model, checkpoint, tmp_path):
     path = save(checkpoint, tmp_path)
     assert set(load_model(path).intervals.factors().values()) == {UNCALIBRATED}
     factors = {"waterline": IntervalFactors(1.25, 1.5, 60)}
-    write_intervals(path, factors)
+    write_calibration(path, 0.03, factors)
     loaded = load_model(path)
     assert loaded.intervals.factors() == dict.fromkeys(ESTIMATORS, UNCALIBRATED) | factors
+    assert loaded.noise.get_share() == pytest.approx(0.03)
     assert loaded.state_dict().keys() == model.state_dict().keys()
     for name, value in model.state_dict().items():
         torch.testing.assert_close(loaded.state_dict()[name], value, rtol=0, atol=0)
-    write_intervals(path, {})
+    write_calibration(path, 0.0, {})
     assert set(load_model(path).intervals.factors().values()) == {UNCALIBRATED}
+    assert load_model(path).noise.get_share() == 0.0
+
+
+@pytest.mark.parametrize("share", [-0.1, math.nan, 1.5, "much", True])
+def test_wrong_keypoint_noise_is_refused(checkpoint, share, tmp_path):
+    checkpoint["usvnet"]["keypoint_share"] = share
+    with pytest.raises(ValueError, match=r"best\.ckpt: keypoint noise: expected a share"):
+        load_model(save(checkpoint, tmp_path))
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,7 @@ def test_factors_are_found_told_and_written(dataset, checkpoint, monkeypatch, ca
     assert load_model(checkpoint).intervals.factors() == {
         name: IntervalFactors(*torch.tensor(found[:2]).tolist(), found.boats) for name, found in factors.items()
     }
+    assert load_model(checkpoint).noise.get_share() == 0.0  # the oracle's keypoints are the labels
     told = capsys.readouterr().out
     assert f"val: box_bottom x {factors['box_bottom'].factor_90:.2f} (48 boats)" in told
 
@@ -78,3 +79,24 @@ def test_too_few_readings_are_told_and_leave_the_factor_at_one(dataset, checkpoi
         f"intervals not calibrated: 4 laser readings in val, expected at least {MIN_BOATS}" in capsys.readouterr().out
     )
     assert set(load_model(checkpoint).intervals.factors().values()) == {UNCALIBRATED}
+
+
+def test_keypoints_that_stray_are_told_and_widen_the_ranges(dataset, checkpoint, monkeypatch, capsys):
+    pictures = ranged_pictures(dataset, 48)
+    rng = np.random.default_rng(1)
+    strayed = [
+        dataclasses.replace(frame, keypoints_px=frame.keypoints_px + 3 * rng.standard_normal(frame.keypoints_px.shape))
+        for frame in pictures.frames
+    ]
+    monkeypatch.setattr(calibrator, "load_model", lambda path: Oracle(pictures))
+    found = calibrator.calibrate_checkpoint(checkpoint, BoatDataset(strayed, dataset.size_px[0]), "val")
+    share = load_model(checkpoint).noise.get_share()
+    width_px, height_px = dataset.frames[0].boxes_px[0, 2:] - dataset.frames[0].boxes_px[0, :2]
+    assert share * np.sqrt(width_px * height_px) == pytest.approx(3, rel=0.2)
+    assert f"keypoints of val stray by {100 * share:.1f} % of a boat's size" in capsys.readouterr().out
+
+    monkeypatch.setattr(calibrator, "load_model", lambda path: Oracle(pictures))
+    calibrator.calibrate_checkpoint(checkpoint, pictures, "val")
+    believed = load_model(checkpoint).intervals.factors()
+    assert found["waterline"].factor_90 < 0.8 * believed["waterline"].factor_90
+    assert found["box_bottom"].factor_90 == pytest.approx(believed["box_bottom"].factor_90)

@@ -1,17 +1,24 @@
-"""Calibrating the range intervals of a checkpoint on laser-ranged boats that it was not trained on."""
+"""Calibrating a checkpoint on boats that it was not trained on: first its keypoints' noise, then its intervals."""
 
+import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
 
-from usvnet.checkpoints import load_model, write_intervals
+from usvnet.checkpoints import load_model, write_calibration
 from usvnet.data.dataset import BoatDataset
+from usvnet.data.records import Frame
 from usvnet.evaluation.conformal import MIN_BOATS, fit_intervals
 from usvnet.evaluation.evaluator import frame_truths
+from usvnet.evaluation.keypoint_calibration import MIN_KEYPOINTS, fit_keypoint_share
 from usvnet.evaluation.predictions import predict_pictures
-from usvnet.evaluation.range_metrics import ranged_boats
-from usvnet.evaluation.records import RANGE_CONFIDENCE
+from usvnet.evaluation.range_metrics import RangedBoat, ranged_boats
+from usvnet.evaluation.records import RANGE_CONFIDENCE, match_boats
+from usvnet.evaluation.reranging import native_cases, range_anew
+from usvnet.geometry.ranging import RangingLayer
 from usvnet.intervals import IntervalFactors
+from usvnet.keypoint_noise import KeypointNoise
 
 
 def calibrate_checkpoint(
@@ -21,10 +28,10 @@ def calibrate_checkpoint(
     batch_size: int = 16,
     range_confidence: float = RANGE_CONFIDENCE,
 ) -> dict[str, IntervalFactors]:
-    """Find the interval factors of a checkpoint, write them into it, and say what they are.
+    """Find the keypoint noise and the interval factors of a checkpoint, write them into it, and say what they are.
 
     Args:
-        checkpoint: written by train.py; earlier factors are replaced.
+        checkpoint: written by train.py; an earlier calibration is replaced.
         dataset: a split that was not trained on, letterboxed and not augmented.
         split: its name.
         batch_size: pictures a batch.
@@ -39,16 +46,45 @@ def calibrate_checkpoint(
     """
     truths = [frame_truths(frame) for frame in dataset.frames]
     readings = sum(truth.range_m > 0 for labelled in truths for truth in labelled)
-    if readings < MIN_BOATS:  # nothing to predict for
-        factors: dict[str, IntervalFactors] = {}
+    keypoints = sum(int((truth.visibility > 0).sum()) for labelled in truths for truth in labelled)
+    share, factors = 0.0, dict[str, IntervalFactors]()
+    if keypoints >= MIN_KEYPOINTS or readings >= MIN_BOATS:  # else there is nothing to predict for
+        model = load_model(checkpoint).to("cuda" if torch.cuda.is_available() else "cpu")
+        model.noise.set_share(0.0)
+        records = [picture.boats for picture in predict_pictures(model, dataset, batch_size)]
+        matches = zip(records, truths, strict=True)
+        pairs = [pair for boats, known in matches for pair in zip(match_boats(boats, known, range_confidence), known)]
+        share = fit_keypoint_share([(boat, truth) for boat, truth in pairs if boat is not None])
+        ranged = ranged_boats(records, truths, range_confidence)
+        factors = fit_intervals(add_noise(ranged, dataset.frames, share, model.ranging.curved_water))
+        print(f"keypoints of {split} stray by {100 * share:.1f} % of a boat's size beyond what their heatmaps say")
+    if readings < MIN_BOATS:
+        factors = {}
         print(f"intervals not calibrated: {readings} laser readings in {split}, expected at least {MIN_BOATS}")
     else:
-        model = load_model(checkpoint).to("cuda" if torch.cuda.is_available() else "cpu")
-        records = [picture.boats for picture in predict_pictures(model, dataset, batch_size)]
-        factors = fit_intervals(ranged_boats(records, truths, range_confidence))
         print(f"intervals calibrated on the laser-ranged boats of {split}: {_told(factors)}")
-    write_intervals(checkpoint, factors)
+    write_calibration(checkpoint, share, factors)
     return factors
+
+
+def add_noise(
+    ranged: Sequence[RangedBoat], frames: Sequence[Frame], share: float, curved_water: bool
+) -> list[RangedBoat]:
+    """What the same boats would have been ranged to with that keypoint noise; ``box_bottom`` has no part in it."""
+    found = [(item.boat, frames[item.picture]) for item in ranged if item.boat is not None]
+    if not found:
+        return list(ranged)
+    noise = KeypointNoise()
+    noise.set_share(share)
+    cases = native_cases(found)
+    cases = dataclasses.replace(cases, covariance_px2=noise(cases.covariance_px2, cases.boxes_px))
+    anew = []
+    for before, after in zip(ranged, range_anew(ranged, cases, RangingLayer(curved_water))):
+        if before.boat is not None and after.boat is not None:
+            ranges = after.boat.ranges | {"box_bottom": before.boat.ranges["box_bottom"]}
+            after = dataclasses.replace(after, boat=dataclasses.replace(after.boat, ranges=ranges))
+        anew.append(after)
+    return anew
 
 
 def _told(factors: dict[str, IntervalFactors]) -> str:

@@ -134,6 +134,7 @@ def prediction_meta(model: USVNet, dataset: BoatDataset, split: str) -> Meta:
         "score_threshold": model.score_threshold,
         "iou_threshold": model.iou_threshold,
         "curved_water": model.ranging.curved_water,
+        "keypoint_share": model.noise.get_share(),
         "intervals": {name: list(found) for name, found in model.intervals.factors().items()},
         "image_size": list(dataset.size_px),
         "split": split,

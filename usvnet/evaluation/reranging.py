@@ -1,6 +1,8 @@
 """Ranging without the network: boats whose pixels are known, through the real geometry, as often as one likes."""
 
-from collections.abc import Sequence
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,11 +10,13 @@ import torch
 from torch import Tensor
 
 from usvnet.data.records import Frame
-from usvnet.evaluation.records import ESTIMATORS, BoatRecord
+from usvnet.evaluation.range_metrics import RangedBoat
+from usvnet.evaluation.records import ESTIMATORS, BoatRecord, RangeRecord
 from usvnet.geometry.camera import camera_to, stack_cameras
 from usvnet.geometry.hull_model import hull_to, stack_hulls
 from usvnet.geometry.ranging import RangingLayer
-from usvnet.types import Camera, Hull, RangeEstimate
+from usvnet.intervals import UNCALIBRATED, IntervalFactors
+from usvnet.types import Camera, Hull, RangeEstimate, Reason
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,3 +79,51 @@ def slants_m(cases: Cases, ranging: RangingLayer) -> dict[str, Tensor]:
         name: torch.where(estimate.valid, estimate.slant_m, torch.inf)
         for name, estimate in range_cases(cases, ranging).items()
     }
+
+
+def range_anew(
+    ranged: Sequence[RangedBoat],
+    cases: Cases,
+    ranging: RangingLayer,
+    factors: Mapping[str, IntervalFactors] | None = None,
+) -> list[RangedBoat]:
+    """The same boats with the ranges that other pixels, covariances or cameras give.
+
+    Args:
+        ranged: laser-ranged boats; those that were missed stay missed.
+        cases: one for each that was found, in the same order.
+        ranging: the geometry.
+        factors: of the intervals, by estimator; none leaves the standard deviations raw.
+
+    Raises:
+        ValueError: not as many cases as found boats.
+    """
+    found = sum(item.boat is not None for item in ranged)
+    if cases.count != found:
+        raise ValueError(f"got {cases.count} cases for {found} boats that were found")
+    with torch.inference_mode():
+        estimates = range_cases(cases, ranging)
+    applied = {name: (factors or {}).get(name, UNCALIBRATED) for name in ESTIMATORS}
+    anew, case = [], itertools.count()
+    for item in ranged:
+        boat = item.boat
+        if boat is not None:
+            n = next(case)
+            ranges = {name: _record(estimates[name], n, applied[name]) for name in ESTIMATORS}
+            boat = dataclasses.replace(boat, ranges=ranges)
+        anew.append(dataclasses.replace(item, boat=boat))
+    return anew
+
+
+def _record(estimate: RangeEstimate, n: int, factors: IntervalFactors) -> RangeRecord:
+    """The n-th of the estimates of shape (C,)."""
+    return RangeRecord(
+        slant_m=float(estimate.slant_m[n]),
+        slant_std_m=float(estimate.slant_std_m[n]) * factors.factor_90,
+        horizontal_m=float(estimate.horizontal_m[n]),
+        bearing_rad=float(estimate.bearing_rad[n]),
+        position_m=estimate.position_m[n].numpy(),
+        valid=bool(estimate.valid[n]),
+        reason=Reason(int(estimate.reason[n])),
+        factors=factors,
+    )
