@@ -22,6 +22,7 @@ def main() -> None:
     """Score a checkpoint on a split of the configuration's dataset."""
     # imported after run_program has begun, so that Ctrl-C while importing is handled too
     from usvnet.data.datamodule import BoatDataModule
+    from usvnet.deploy.predictor import default_checkpoint
     from usvnet.evaluation.calibrator import calibrate_checkpoint
     from usvnet.evaluation.evaluator import evaluate_checkpoint
     from usvnet.training_cli import OneLineParser, quiet
@@ -29,9 +30,14 @@ def main() -> None:
     quiet()
     parser = OneLineParser(description="Score a trained usvnet: predictions, tables, metrics.json, overlay pictures.")
     parser.add_argument("--config", action="config", help="the configuration that trained it")
-    parser.add_argument("--checkpoint", type=str, required=True, help="written by train.py")
+    parser.add_argument(
+        "--checkpoint", type=str | None, default=None, help="written by train.py [the one that comes with usvnet]"
+    )
     parser.add_argument("--split", type=str, default="test", help="train, val or test")
     parser.add_argument("--output", type=str | None, default=None, help="folder of the results [beside the checkpoint]")
+    parser.add_argument(
+        "--report", type=bool | str, nargs="?", const=True, default=False, help="also one HTML page [report.html]"
+    )
     parser.add_argument("--range_confidence", type=float, default=0.25, help="score a boat needs before it is ranged")
     parser.add_argument("--overwrite", action="store_true", help="predict anew, whatever the folder holds")
     parser.add_argument(
@@ -45,6 +51,12 @@ def main() -> None:
     data: BoatDataModule = parser.instantiate(settings).data
     if settings.calibrate_intervals == settings.split:
         raise ValueError(f"calibrate_intervals: got {settings.split}, the split that is scored, expected another one")
+    configuration = parser.dump(settings, skip_unset=False)
+    if settings.checkpoint is None:
+        settings.checkpoint = default_checkpoint()
+        settings.output = settings.output or f"runs/{settings.checkpoint.stem}/evaluation/{settings.split}"
+        if settings.calibrate_intervals is not None:
+            raise ValueError(f"calibrate_intervals changes a checkpoint: name a copy of {settings.checkpoint} with it")
     if settings.calibrate_intervals is not None:
         calibrated_on = data.dataset(settings.calibrate_intervals)
         calibrate_checkpoint(
@@ -58,6 +70,8 @@ def main() -> None:
         batch_size=data.batch_size,
         range_confidence=settings.range_confidence,
         overwrite=settings.overwrite,
+        report=settings.report,
+        configuration=configuration,
     )
 
 

@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import torch
 
@@ -12,6 +13,7 @@ from usvnet.checkpoints import load_model, sha256
 from usvnet.data.dataset import BoatDataset
 from usvnet.data.records import Frame
 from usvnet.evaluation.floor import score_floor
+from usvnet.evaluation.html.page import Evaluation, write_page
 from usvnet.evaluation.overlay import write_overlays
 from usvnet.evaluation.predictions import Meta, predict_dataset, read_predictions
 from usvnet.evaluation.range_metrics import ranged_boats
@@ -23,6 +25,17 @@ from usvnet.model import USVNet
 from usvnet.network.variants import check_picture_size
 
 
+class PageRequest(NamedTuple):
+    """Asks for the HTML page."""
+
+    path: Path
+    """The file to write."""
+    checkpoint: str
+    """Where the weights came from."""
+    configuration: str = ""
+    """Every setting, as YAML."""
+
+
 def evaluate_checkpoint(
     checkpoint: Path | str,
     dataset: BoatDataset,
@@ -32,6 +45,8 @@ def evaluate_checkpoint(
     batch_size: int = 16,
     range_confidence: float = RANGE_CONFIDENCE,
     overwrite: bool = False,
+    report: Path | str | bool = False,
+    configuration: str = "",
 ) -> Scores:
     """Evaluate a trained checkpoint on a split: write everything to a folder and print the tables.
 
@@ -43,6 +58,8 @@ def evaluate_checkpoint(
         batch_size: pictures a batch.
         range_confidence: score that a boat needs before it is ranged, in [0, 1].
         overwrite: predict anew even where the folder holds predictions.
+        report: also write everything as one HTML page; True calls it ``report.html`` and puts it with the results.
+        configuration: every setting, as YAML, for that page.
 
     Raises:
         FileNotFoundError: no such checkpoint.
@@ -53,6 +70,7 @@ def evaluate_checkpoint(
     check_picture_size(model.network, "image_size", max(dataset.size_px))
     output_dir = default_output(checkpoint, split) if output_dir is None else Path(output_dir)
     meta = prediction_meta(model, dataset, split) | {"checkpoint_sha256": sha256(checkpoint)}
+    path = output_dir / "report.html" if report is True else Path(report) if report else None
     scores = evaluate(
         model,
         dataset,
@@ -61,9 +79,12 @@ def evaluate_checkpoint(
         batch_size=batch_size,
         range_confidence=range_confidence,
         overwrite=overwrite,
+        page=None if path is None else PageRequest(path, str(checkpoint), configuration),
     )
     print_report(scores, _title(model))
     print(f"written to {output_dir}: report.md, metrics.json, predictions.jsonl, tables and overlays")
+    if path is not None:
+        print(f"open {path} in a browser")
     return scores
 
 
@@ -76,6 +97,7 @@ def evaluate(
     batch_size: int = 16,
     range_confidence: float = RANGE_CONFIDENCE,
     overwrite: bool = False,
+    page: PageRequest | None = None,
 ) -> Scores:
     """Predict, unless the folder holds these very predictions already, then score and write everything.
 
@@ -88,6 +110,7 @@ def evaluate(
         batch_size: pictures a batch.
         range_confidence: score that a boat needs before it is ranged, in [0, 1].
         overwrite: predict anew even where the folder holds predictions.
+        page: the HTML page to write, if any.
 
     Raises:
         ValueError: the folder holds predictions made with something else, ``range_confidence`` is not a share, or a
@@ -115,6 +138,18 @@ def evaluate(
         sheets = [output_dir / "reliability.png", *sheets]
         draw_reliability(ranged, scores.intervals, sheets[0])
     write_report(scores, output_dir, _title(model), {"pictures": len(pictures), **meta}, sheets)
+    if page is not None:
+        told = Evaluation(
+            model=_title(model),
+            frames=dataset.frames,
+            records=records,
+            truths=truths,
+            scores=scores,
+            curved_water=model.ranging.curved_water,
+            made_with={"checkpoint": page.checkpoint, **meta},
+            configuration=page.configuration,
+        )
+        write_page(told, page.path)
     return scores
 
 
