@@ -129,7 +129,8 @@ def window_moments(
     logits = logits.to(torch.promote_types(logits.dtype, torch.float32))
     h, w = logits.shape[2], logits.shape[3]
     coarse = px_to_cell(coarse_px, stride)
-    limit = torch.tensor([w, h], device=logits.device, dtype=logits.dtype)
+    # not torch.tensor([w, h]): a trace would hold the size of the map that it was made with
+    limit = torch.cat([torch.full([1], side, device=logits.device, dtype=logits.dtype) for side in (w, h)])
     readable = ((coarse > -0.5) & (coarse < limit - 0.5)).all(-1, keepdim=True)
     centre = find_peak(logits.detach(), torch.minimum(coarse.detach().clamp(min=0), limit - 1), radius)
     first_look, cells = gather_windows(logits.detach(), centre, radius)

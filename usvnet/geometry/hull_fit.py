@@ -75,10 +75,10 @@ def fit_hulls(sight: HullSight, search_steps: int = SEARCH_STEPS, damping: float
     """Fit N boats in B pictures."""
     with torch.no_grad():
         state = best_starts(sight)
+        damped = 1 + damping * torch.eye(state.shape[-1], dtype=state.dtype, device=state.device)
         for _ in range(search_steps):
             normal = normal_equations(state, sight, searching=True)
-            diagonal = torch.diagonal(normal.information, dim1=-2, dim2=-1)
-            state = step(state, normal.information + torch.diag_embed(damping * diagonal), normal.slope)
+            state = step(state, normal.information * damped, normal.slope)
         state = choose(state, normal_equations(state, sight).cost)
     normal = normal_equations(state, sight)
     state = step(state, normal.information, normal.slope)
@@ -87,18 +87,18 @@ def fit_hulls(sight: HullSight, search_steps: int = SEARCH_STEPS, damping: float
     covariance = solve_positive(normal.information, unit.expand_as(normal.information))
     gain = (covariance[..., None, None, :, :] * normal.weighted_jacobian.unsqueeze(-2)).sum(-1)
     return HullFit(
-        state=(state + limited(apply_matrix(covariance, normal.slope))).squeeze(2),
-        covariance=covariance.squeeze(2),
-        gain=gain.squeeze(2),
-        weight=normal.weight.squeeze(2),
-        cost=normal.cost.squeeze(2),
-        degrees_of_freedom=(2 * sight.usable.to(state.dtype).sum(-1) - 3).squeeze(2),
+        state=(state + limited(apply_matrix(covariance, normal.slope)))[:, :, 0],
+        covariance=covariance[:, :, 0],
+        gain=gain[:, :, 0],
+        weight=normal.weight[:, :, 0],
+        cost=normal.cost[:, :, 0],
+        degrees_of_freedom=(2 * sight.usable.to(state.dtype).sum(-1) - 3)[:, :, 0],
     )
 
 
 def step(state: Tensor, information: Tensor, slope: Tensor) -> Tensor:
     """The state after one Gauss-Newton step."""
-    return state + limited(solve_positive(information, slope.unsqueeze(-1)).squeeze(-1))
+    return state + limited(solve_positive(information, slope.unsqueeze(-1))[..., 0])
 
 
 def normal_equations(
@@ -128,8 +128,9 @@ def normal_equations(
     pull = (precision.unsqueeze(-1) * view.jacobian.unsqueeze(-3)).sum(-2) * weight[..., None, None]
     flat = pull.flatten(-3, -2)
     known = torch.tensor([0.0, 0.0, 0.0] + 7 * [1.0], dtype=state.dtype, device=state.device)
+    identity = torch.eye(state.shape[-1], dtype=state.dtype, device=state.device)
     least = torch.tensor([1e-6, 1e-6, heading_information] + 7 * [1.0], dtype=state.dtype, device=state.device)
-    information = (flat.unsqueeze(-1) * view.jacobian.flatten(-3, -2).unsqueeze(-2)).sum(-3) + torch.diag(least)
+    information = (flat.unsqueeze(-1) * view.jacobian.flatten(-3, -2).unsqueeze(-2)).sum(-3) + least * identity
     slope = (flat * residual.flatten(-2).unsqueeze(-1)).sum(-2) - known * state
     bounded = torch.where(squared > limit, limit * (2 - beyond), squared).sum(-1)
     return Normal(information, slope, pull, weight, bounded + (known * state * state).sum(-1))

@@ -50,11 +50,11 @@ def range_hull(
     """Range fitted boats (B, N)."""
     state = fit.state.unsqueeze(2)
     placed = place_hull(state, sight)
-    slants = torch.sqrt(placed.points_m.square().sum(-1) + 1e-12).squeeze(2)
+    slants = torch.sqrt(placed.points_m.square().sum(-1) + 1e-12)[:, :, 0]
     keypoint = torch.where(slants[..., points[0]] <= slants[..., points[1]], points[0], points[1])
     point = pick(placed.points_m, keypoint)
     slant = torch.sqrt((point * point).sum(-1) + 1e-12)
-    axes = torch.stack([sight.right, sight.down, sight.forward], -2).squeeze(2)
+    axes = torch.stack([sight.right, sight.down, sight.forward], -2)[:, :, 0]
     position = apply_matrix(axes, point)
 
     moved = pick(move_hull(placed, state, sight).flatten(-2), keypoint).unflatten(-1, (3, 7))
@@ -64,30 +64,30 @@ def range_hull(
     by_xy = (gain[..., :7] * slope.unsqueeze(-2)).sum(-1)  # how the range follows this very keypoint
 
     # The point itself strays from the shape, along the water; the fit takes that for the keypoint's noise.
-    outward = point - (point * sight.down.squeeze(2)).sum(-1, keepdim=True) * sight.down.squeeze(2)
+    outward = point - (point * sight.down[:, :, 0]).sum(-1, keepdim=True) * sight.down[:, :, 0]
     away = outward / torch.sqrt((outward * outward).sum(-1, keepdim=True) + 1e-12)
     level = (point * away).sum(-1) / slant
     depth = point[..., 2:].clamp_min(0.01)
     plane = point[..., :2] / depth
     stray = (away[..., :2] - plane * away[..., 2:]) / depth
-    shape = sight.shape_std_m.squeeze(2).square() * level * (level - 2 * (by_xy * stray).sum(-1))
+    shape = sight.shape_std_m[:, :, 0].square() * level * (level - 2 * (by_xy * stray).sum(-1))
     variance = (follows[..., :7] * slope).sum(-1) + shape
 
     xy = pick(sight.xy, keypoint)
     ray = torch.cat([xy, torch.ones_like(xy[..., :1])], -1)
     length = torch.sqrt((ray * ray).sum(-1, keepdim=True))
-    down = sight.down.squeeze(2)
+    down = sight.down[:, :, 0]
     sine = (ray * down).sum(-1, keepdim=True) / length
-    hit = meet_water(apply_matrix(axes, ray / length), sight.height_m.squeeze(2), curved, refraction)
+    hit = meet_water(apply_matrix(axes, ray / length), sight.height_m[:, :, 0], curved, refraction)
     b = hit.slant_by_sine_m.unsqueeze(-1) * (down[..., :2] - sine * ray[..., :2] / length) / length
     noise = pick(sight.covariance.flatten(-2), keypoint).unflatten(-1, (2, 2))
     common = pick(sight.by_camera.flatten(-2), keypoint).unflatten(-1, (2, 3))
     c_camera = -(b.unsqueeze(-1) * common).sum(-2)
     c_height = hit.slant_by_height * sight.std[..., 0, 3]
-    weight = pick(fit.weight.unsqueeze(2).unsqueeze(-1), keypoint).squeeze(-1)
+    weight = pick(fit.weight.unsqueeze(2).unsqueeze(-1), keypoint)[..., 0]
     spread = apply_matrix(noise, b)
     alone = (b * spread).sum(-1) / weight.clamp_min(1e-6)  # a keypoint that the fit holds for wrong counts as such
-    wave = hit.slant_by_height * sight.wave_std_m.squeeze(2).square()
+    wave = hit.slant_by_height * sight.wave_std_m[:, :, 0].square()
     rise = (plane * down[..., 2:] - down[..., :2]) / depth  # of the keypoint with the water there
     alone = alone + c_camera.square().sum(-1) + c_height.square() + hit.slant_by_height * wave
     shared = (by_xy * spread).sum(-1) + c_height * follows[..., 6] + (c_camera * follows[..., 7:]).sum(-1)
@@ -98,7 +98,7 @@ def range_hull(
 def pick(values: Tensor, keypoint: Tensor) -> Tensor:
     """Of values (B, N, 1, 7, D), those (B, N, D) of keypoints (B, N)."""
     index = keypoint[..., None, None].expand(-1, -1, -1, values.shape[-1])
-    return values.squeeze(2).gather(2, index).squeeze(2)
+    return values[:, :, 0].gather(2, index)[:, :, 0]
 
 
 def estimate_hull(fitted: HullRange, enough: Tensor, fits: Tensor) -> RangeEstimate:

@@ -208,4 +208,4 @@ def predict_keypoints(state: Tensor, sight: HullSight, min_depth_m: float = MIN_
     by_hull = (by_state[..., :2, :] - xy.unsqueeze(-1) * by_state[..., 2:, :]) / depth.unsqueeze(-1)
     by_camera = sight.by_camera.expand_as(by_hull[..., :3])
     shift = (sight.by_camera * state[..., None, None, 7:]).sum(-1)
-    return HullView(xy + shift, torch.cat([by_hull, by_camera], -1), depth.squeeze(-1))
+    return HullView(xy + shift, torch.cat([by_hull, by_camera], -1), depth[..., 0])

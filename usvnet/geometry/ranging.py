@@ -104,7 +104,7 @@ class RangingLayer(nn.Module):
         bottom_px = torch.stack([(boxes_px[..., 0] + boxes_px[..., 2]) / 2, boxes_px[..., 3]], -1)
         isotropic = torch.eye(2, dtype=dtype, device=keypoints_px.device) * self.box_bottom_std_px**2
         points_px = torch.cat([bottom_px.to(dtype), keypoints_px.flatten(1, 2).to(dtype)], 1)
-        covariance = torch.cat([isotropic.expand(len(points_px), boats, 2, 2), covariance_px2.flatten(1, 2)], 1)
+        covariance = torch.cat([isotropic.expand(points_px.shape[0], boats, 2, 2), covariance_px2.flatten(1, 2)], 1)
         lens = undistort(points_px, camera)
         everything = self.range_rays(lens, covariance, camera)
         bow = _slice(everything, boats + self.bow_bottom, 8 * boats, 7)
@@ -211,12 +211,13 @@ def _slice(estimate: RangeEstimate, start: int, stop: int, step: int) -> RangeEs
 
 
 def _either(first: Tensor, a: RangeEstimate, b: RangeEstimate) -> RangeEstimate:
+    reason = torch.where(first, a.reason, b.reason)
     return RangeEstimate(
         slant_m=torch.where(first, a.slant_m, b.slant_m),
         slant_std_m=torch.where(first, a.slant_std_m, b.slant_std_m),
         horizontal_m=torch.where(first, a.horizontal_m, b.horizontal_m),
         bearing_rad=torch.where(first, a.bearing_rad, b.bearing_rad),
         position_m=torch.where(first.unsqueeze(-1), a.position_m, b.position_m),
-        valid=torch.where(first, a.valid, b.valid),
-        reason=torch.where(first, a.reason, b.reason),
+        valid=reason == Reason.OK.value,
+        reason=reason,
     )

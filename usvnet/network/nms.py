@@ -22,13 +22,35 @@ def suppress(boxes_px: Tensor, iou_threshold: float) -> Tensor:
     gives exactly the greedy answer, a whole batch at a time, in as many rounds as the longest chain of falls.
     """
     better_overlaps = (pairwise_iou(boxes_px) > iou_threshold).triu(1)
+    if not torch.jit.is_scripting():
+        if torch.compiler.is_exporting():
+            return _settle_exported(better_overlaps)
+    return _settle(better_overlaps)
+
+
+@torch.jit.script_if_tracing  # a trace, and so an ONNX file, holds the loop and not as many rounds as one picture took
+def _settle(better_overlaps: Tensor) -> Tensor:
+    """Apply the rule of :func:`suppress` to (B, M, M) bool until nothing changes -> (B, M) bool."""
     keep = torch.ones_like(better_overlaps[:, 0])
-    for _ in range(boxes_px.shape[1]):
+    for _ in range(better_overlaps.shape[1]):
         survivors = ~(better_overlaps & keep[:, :, None]).any(1)
-        if torch.equal(survivors, keep):
+        if bool((survivors == keep).all()):
             break
         keep = survivors
     return keep
+
+
+def _settle_exported(better_overlaps: Tensor) -> Tensor:
+    """The same for ``torch.export``, whose graphs have a loop of their own."""
+
+    def unsettled(keep: Tensor, before: Tensor) -> Tensor:
+        return (keep != before).any()
+
+    def apply(keep: Tensor, before: Tensor) -> tuple[Tensor, Tensor]:
+        return ~(better_overlaps & keep[:, :, None]).any(1), keep.clone()
+
+    keep = torch.ones_like(better_overlaps[:, 0])
+    return torch.while_loop(unsettled, apply, (keep, torch.zeros_like(keep)))[0]
 
 
 def select_boats(
@@ -49,8 +71,9 @@ def select_boats(
     scores, candidate = scores.topk(min(max_candidates, scores.shape[1]), dim=1)
     batch = torch.arange(scores.shape[0], device=scores.device)[:, None]
     keep = suppress(output.boxes_px[batch, candidate].detach(), iou_threshold) & (scores >= score_threshold)
-    # A stable sort brings the kept boats to the front without disturbing their order.
-    order = keep.logical_not().to(torch.int32).argsort(dim=1, stable=True)[:, :max_boats]
+    # The kept boats to the front without disturbing their order: no two of these are equal.
+    count = keep.shape[1]
+    order = (keep * count + torch.arange(count, 0, -1, device=keep.device)).topk(min(max_boats, count), dim=1)[1]
     present = keep.gather(1, order)
     chosen = candidate.gather(1, order)
     return Detections(
