@@ -35,7 +35,7 @@ def checkpoint(untrained, tmp_path_factory):
 def test_a_training_configuration_evaluates_a_checkpoint(run, root, checkpoint, capsys):
     config = root / "configs" / "experiment" / "sixscenes.yaml"
     arguments = ["--config", config, "--checkpoint", checkpoint, "--data.root", root / "data" / "sample"]
-    run(*arguments, "--data.eval_image_size", 64)
+    run(*arguments, "--data.eval_image_size", 64, "--report")
     output = checkpoint.parents[1] / "evaluation" / "best_test"
     metrics = json.loads((output / "metrics.json").read_text())
     assert metrics["pictures"] == 24
@@ -44,11 +44,40 @@ def test_a_training_configuration_evaluates_a_checkpoint(run, root, checkpoint, 
     shown = capsys.readouterr().out
     assert "Slant range by scene" in shown
     assert "paper: YOLO11m-pose" in shown
+    assert f"open {output / 'report.html'} in a browser" in shown
+    report = (output / "report.html").read_text()
+    assert str(checkpoint) in report
+    assert "eval_image_size: 64" in report, "every setting"
+    assert "range_loss_error: " in report, "those of training too"
 
     with pytest.raises(SystemExit) as stopped:  # another size is another prediction
         run(*arguments, "--data.eval_image_size", 96)
     assert stopped.value.code == 2
     assert "made with image_size [64, 64], not [96, 96]" in capsys.readouterr().err
+
+
+def test_without_a_checkpoint_the_shipped_one_is_scored_and_nothing_is_written_beside_it(
+    run, root, checkpoint, capsys, tmp_path, monkeypatch
+):
+    scored = []
+    monkeypatch.setattr("usvnet.deploy.predictor.default_checkpoint", lambda: checkpoint)
+    monkeypatch.setattr("usvnet.evaluation.evaluator.evaluate_checkpoint", lambda *a, **k: scored.append((a, k)))
+    run("--data.root", root / "data" / "sample", "--report", tmp_path / "page.html")
+    ((path, _, split, output), more) = scored[0]
+    assert (path, split, output) == (checkpoint, "test", "runs/best/evaluation/test")
+    assert more["report"] == str(tmp_path / "page.html")
+    with pytest.raises(SystemExit):
+        run("--data.root", root / "data" / "sample", "--calibrate_intervals", "val")
+    assert f"name a copy of {checkpoint}" in capsys.readouterr().err
+
+
+def test_where_no_network_was_shipped_one_must_be_named(run, root, capsys, monkeypatch):
+    monkeypatch.setattr("usvnet.deploy.predictor.SHIPPED", "none.pt")
+    with pytest.raises(SystemExit) as stopped:
+        run("--data.root", root / "data" / "sample")
+    assert stopped.value.code == 2
+    error = capsys.readouterr().err
+    assert error == "error: no trained weights came with this usvnet: name some with --checkpoint, e.g. a best.ckpt\n"
 
 
 def test_pictures_that_the_network_cannot_take_are_refused(run, root, capsys, tmp_path):
