@@ -70,6 +70,10 @@ def test_the_paper_trains_by_its_table_1(tmp_path):
         ("--model.loss_weights.range=-1", "range"),
         ("--data.image_size=333", "333"),
         ("--model.variant=q", "q"),
+        ("--model.refine=sonar", "sonar"),
+        ("--model.refine=native", r"needs data\.native_size"),
+        ("--data.native_size=1920", r"needs model\.refine"),
+        ("--data.native_size=64", "native_size is 64, expected at least"),
     ],
 )
 def test_a_wrong_setting_is_named(argument, named, tmp_path):
@@ -82,6 +86,12 @@ def test_pictures_too_small_for_the_network_are_named(key, tmp_path):
     arguments = ["--config", "configs/experiment/quickstart.yaml", "--model", "configs/model/v8n-p6.yaml"]
     with pytest.raises(ValueError, match=rf"data\.{key} is 96, expected a multiple of 64"):
         build(tmp_path, *arguments, f"--data.{key}=96")
+
+
+def test_a_model_that_refines_is_not_exported_after_training(tmp_path):
+    arguments = ["--config", "configs/experiment/refinement.yaml", "--export_after", "true"]
+    with pytest.raises(ValueError, match="export_after is true, but an exported file takes no native pictures"):
+        build(tmp_path, *arguments)
 
 
 def test_weights_alone_are_no_run_to_continue(untrained, tmp_path):
