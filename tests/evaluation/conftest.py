@@ -11,7 +11,7 @@ from usvnet.data.records import Frame
 from usvnet.geometry.camera import make_camera
 from usvnet.intervals import ESTIMATORS
 from usvnet.model import USVNet
-from usvnet.types import Camera, Hull, Prediction
+from usvnet.types import Camera, Hull, Native, Prediction
 
 from .boats import BOX_PX, KEYPOINTS_PX
 
@@ -28,7 +28,9 @@ class Oracle(USVNet):
         self.missed = missed
         self.predicted = 0
 
-    def forward(self, image: Tensor, camera: Camera, hull: Hull | None = None) -> Prediction:
+    def forward(
+        self, image: Tensor, camera: Camera, hull: Hull | None = None, native: Native | None = None
+    ) -> Prediction:
         indices = range(self.predicted, self.predicted + len(image))
         self.predicted += len(image)
         frames = [self.dataset[index].frame for index in indices]
