@@ -172,6 +172,7 @@ def prediction_meta(model: USVNet, dataset: BoatDataset, split: str) -> Meta:
         "keypoint_share": model.noise.get_share(),
         "intervals": {name: list(found) for name, found in model.intervals.factors().items()},
         "image_size": list(dataset.size_px),
+        "native_size": dataset.native_px,
         "split": split,
         "frames_sha256": frames_sha256(dataset.frames),
     }
