@@ -44,3 +44,20 @@ def test_a_rational_lens_becomes_the_plumb_bob_that_shows_the_same_picture():
 def test_what_no_plumb_bob_resembles_is_refused(lens, sentence):
     with pytest.raises(ValueError, match=sentence):
         plumb_bob(lens, K, SIZE_PX, "lens")
+
+
+def test_whatever_the_coefficients_five_finite_ones_come_out_or_one_sentence():
+    rng = np.random.default_rng(0)
+    answered = 0
+    for _ in range(300):
+        lens = (rng.normal(size=8) * 10.0 ** rng.uniform(-6, 2 if rng.random() < 0.5 else 38, 8)).tolist()
+        try:
+            found = plumb_bob(lens, K, SIZE_PX, "camera.yaml")
+        except ValueError as error:
+            found = [0.0] * 5
+            answered += str(error).startswith("camera.yaml: expected a lens that ")
+        else:
+            answered += 1
+        assert len(found) == 5
+        assert np.isfinite(found).all()
+    assert answered == 300

@@ -14,7 +14,8 @@ from usvnet.evaluation.records import RANGE_CONFIDENCE, BoatRecord, TruthRecord
 from usvnet.files import atomic_write
 from usvnet.visualize import contact_sheet
 
-ESTIMATOR = "waterline"
+ESTIMATOR = "fused"
+"""The range that is shown and judged, the one that `usvnet predict` shows."""
 TILES = 3
 """Best and worst estimates shown of each scene."""
 
@@ -45,11 +46,12 @@ def write_overlays(
     for scene in [*scenes, *([None] if None in found else [])]:
         members = sorted((e for e in examples if e.truth.scene == scene), key=lambda example: abs(example.error))
         best, worst = members[:TILES], members[TILES:][-TILES:]
+        title = f"Scene {scene}   {SCENE_TITLES.get(scene, '')}" if scene else "All pictures"
         sheet = contact_sheet(
             [draw_example(example, ESTIMATOR) for example in best + worst],
             TILES,
             [_caption("best", e) for e in best] + [_caption("worst", e) for e in worst],
-            f"Scene {scene}   {SCENE_TITLES.get(scene, '')}" if scene else "All pictures",
+            f"{title}   range: {ESTIMATOR}",
         )
         path = Path(folder) / (f"scene_{scene}.png" if scene else "all.png")
         with atomic_write(path) as temporary:

@@ -29,6 +29,7 @@ from usvnet.geometry.yaml_files import (
     as_numbers,
     decimal_text,
     read_mapping,
+    read_std,
     refuse_unknown,
     require,
     short,
@@ -65,7 +66,7 @@ def load_camera(path: Path | str) -> Camera:
         height_m=mount["height_m"],
         pitch_rad=math.radians(mount["pitch_deg"]),
         roll_rad=math.radians(mount["roll_deg"]),
-        focal_std_px=_read_std(content, "focal_std_px", f"{path}"),
+        focal_std_px=read_std(content, "focal_std_px", f"{path}"),
         height_std_m=mount["height_std_m"],
         pitch_std_rad=math.radians(mount["pitch_std_deg"]),
         roll_std_rad=math.radians(mount["roll_std_deg"]),
@@ -102,13 +103,6 @@ def _read_size(content: Mapping, key: str, path: Path) -> float:
     return size
 
 
-def _read_std(content: Mapping, key: str, where: str) -> float:
-    std = as_number(content.get(key, 0.0), f"{where}: {key}")
-    if std < 0:
-        raise ValueError(f"{where}: {key}: expected a standard deviation of at least 0, got {std:g}")
-    return std
-
-
 def _read_mount(content: Mapping, path: Path) -> dict[str, float]:
     where = f"{path}: mount"
     mount = as_mapping(require(content, "mount", f"{path}"), where)
@@ -119,7 +113,7 @@ def _read_mount(content: Mapping, path: Path) -> dict[str, float]:
     for key in ("pitch_deg", "roll_deg"):
         if abs(values[key]) > 180:
             raise ValueError(f"{where}: {key}: expected an angle within 180 degrees, got {values[key]:g}")
-    return values | {key: _read_std(mount, key, where) for key in MOUNT_KEYS[3:]}
+    return values | {key: read_std(mount, key, where) for key in MOUNT_KEYS[3:]}
 
 
 def _mount_texts(camera: Camera) -> dict[str, str]:

@@ -18,12 +18,11 @@ import torch
 
 from usvnet.files import atomic_write
 from usvnet.geometry.yaml_files import (
-    Mapping,
     as_mapping,
-    as_number,
     as_numbers,
     decimal_text,
     read_mapping,
+    read_std,
     refuse_unknown,
     require,
 )
@@ -51,7 +50,7 @@ def load_hull(path: Path | str) -> Hull:
         if len(row) != 3:
             raise ValueError(f"{where}: {name}: expected x, y and z, got {len(row)} numbers")
         rows.append(row)
-    scale_std, point_std_m = (torch.tensor([_read_std(content, key, path)]) for key in KEYS[1:])
+    scale_std, point_std_m = (torch.tensor([read_std(content, key, f"{path}")]) for key in KEYS[1:])
     return Hull(torch.tensor([rows]), scale_std, point_std_m)
 
 
@@ -70,10 +69,3 @@ def save_hull(hull: Hull, path: Path | str) -> None:
     lines += [f"scale_std: {decimal_text(hull.scale_std[0])}", f"point_std_m: {decimal_text(hull.point_std_m[0])}"]
     with atomic_write(path) as temporary:
         temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
-
-
-def _read_std(content: Mapping, key: str, path: Path) -> float:
-    std = as_number(content.get(key, 0.0), f"{path}: {key}")
-    if std < 0:
-        raise ValueError(f"{path}: {key}: expected a standard deviation of at least 0, got {std:g}")
-    return std

@@ -81,6 +81,14 @@ def as_numbers(value: object, where: str) -> list[float]:
     return [as_number(item, where) for item in value]
 
 
+def read_std(mapping: Mapping, key: str, where: str) -> float:
+    """A standard deviation, 0 where the mapping has none."""
+    std = as_number(mapping.get(key, 0.0), f"{where}: {key}")
+    if std < 0:
+        raise ValueError(f"{where}: {key}: expected a standard deviation of at least 0, got {std:g}")
+    return std
+
+
 def refuse_unknown(mapping: Mapping, known: Sequence[str], where: str) -> None:
     """Insist that a mapping has no keys but the ``known`` ones."""
     for key in mapping:
