@@ -130,7 +130,7 @@ def window_moments(
     h, w = logits.shape[2], logits.shape[3]
     coarse = px_to_cell(coarse_px, stride)
     # not torch.tensor([w, h]): a trace would hold the size of the map that it was made with
-    limit = torch.cat([torch.full([1], side, device=logits.device, dtype=logits.dtype) for side in (w, h)])
+    limit = torch.cat([torch.full([1], side, device=logits.device, dtype=logits.dtype) for side in [w, h]])
     readable = ((coarse > -0.5) & (coarse < limit - 0.5)).all(-1, keepdim=True)
     centre = find_peak(logits.detach(), torch.minimum(coarse.detach().clamp(min=0), limit - 1), radius)
     first_look, cells = gather_windows(logits.detach(), centre, radius)
@@ -159,19 +159,20 @@ def find_peak(logits: Tensor, near_cell: Tensor, radius: int, search_factor: int
     Returns:
         (B, N, K, 2) int64 column and row, on the map.
     """
-    width = logits.shape[3]
-    maxima, place = functional.max_pool2d_with_indices(logits, [search_factor, search_factor], ceil_mode=True)
+    height, width = logits.shape[2], logits.shape[3]
+    maxima = functional.max_pool2d(logits, [search_factor, search_factor], ceil_mode=True)
     near = px_to_cell(near_cell, search_factor)
     centre = near.round().to(torch.int64)
     window, cells = gather_windows(maxima, centre, radius)
-    best = (window + gaussian_logits(cells, near[..., None, :], radius / search_factor)).argmax(-1)
-    side = 2 * radius + 1
-    row = torch.div(best, side, rounding_mode="floor")
-    peak = centre + torch.stack([best - side * row, row], -1) - radius
-    by_keypoint = (peak[..., 1] * maxima.shape[3] + peak[..., 0]).transpose(1, 2)
-    flat = place.flatten(2).gather(2, by_keypoint).transpose(1, 2)
-    row = torch.div(flat, width, rounding_mode="floor")
-    return torch.stack([flat - width * row, row], -1)
+    best = (window + gaussian_logits(cells, near[..., None, :], radius / search_factor)).argmax(-1, keepdim=True)
+    block = cells.gather(-2, best[..., None].expand(-1, -1, -1, 1, 2)).to(torch.int64) * search_factor
+    number = torch.arange(search_factor * search_factor, device=logits.device)
+    row = torch.div(number, search_factor, rounding_mode="floor")
+    u = (block[..., 0] + number - search_factor * row).clamp(0, width - 1)
+    v = (block[..., 1] + row).clamp(0, height - 1)
+    flat = (v * width + u).transpose(1, 2)
+    peak = logits.flatten(2).gather(2, flat.flatten(2)).view_as(flat).transpose(1, 2).argmax(-1, keepdim=True)
+    return torch.cat([u.gather(-1, peak), v.gather(-1, peak)], -1)
 
 
 def _edge_correction(mean: Tensor, limit: Tensor, radius: int, sigma_cells: float) -> Tensor:

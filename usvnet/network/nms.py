@@ -22,7 +22,7 @@ def suppress(boxes_px: Tensor, iou_threshold: float) -> Tensor:
     gives exactly the greedy answer, a whole batch at a time, in as many rounds as the longest chain of falls.
     """
     better_overlaps = (pairwise_iou(boxes_px) > iou_threshold).triu(1)
-    if not torch.jit.is_scripting():
+    if not torch.jit.is_scripting():  # noqa: SIM102 (scripting skips a block of its own)
         if torch.compiler.is_exporting():
             return _settle_exported(better_overlaps)
     return _settle(better_overlaps)
