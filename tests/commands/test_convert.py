@@ -62,7 +62,9 @@ def test_pictures_of_label_studio_may_lie_elsewhere(label_studio: Path, tmp_path
 
 def test_an_export_is_checked_before_it_is_converted(cvat: Path, tmp_path: Path, capsys):
     check_data(str(cvat), output=str(tmp_path / "labels.png"))
-    assert "usvnet convert" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "usvnet convert" in printed
+    assert "range m" not in printed  # no laser, no lengths
     assert (tmp_path / "labels.png").stat().st_size > 0
     for name in ("train/a", "val/c"):
         (cvat / "labels" / f"{name}.txt").write_text("1 2 3\n")

@@ -102,8 +102,8 @@ def size_table(frames: Splits) -> Table:
         "box height px": boxes[:, 3] - boxes[:, 1],
         "range m": ranges[ranges > 0],
     }.items():
-        quantiles = np.quantile(values, (0, 0.05, 0.5, 0.95, 1)) if len(values) else np.full(5, np.nan)
-        table.add_row(name, *(f"{value:.1f}" for value in quantiles))
+        if len(values):
+            table.add_row(name, *(f"{value:.1f}" for value in np.quantile(values, (0, 0.05, 0.5, 0.95, 1))))
     return table
 
 
