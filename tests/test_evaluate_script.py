@@ -47,8 +47,7 @@ def test_a_training_configuration_evaluates_a_checkpoint(run, root, checkpoint, 
     assert f"open {output / 'report.html'} in a browser" in shown
     report = (output / "report.html").read_text()
     assert str(checkpoint) in report
-    assert "eval_image_size: 64" in report, "every setting"
-    assert "range_loss_error: " in report, "those of training too"
+    assert "eval_image_size: 64" in report
 
     with pytest.raises(SystemExit) as stopped:  # another size is another prediction
         run(*arguments, "--data.eval_image_size", 96)

@@ -1,14 +1,12 @@
 """The error budget of a dataset's camera."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from usvnet.evaluation.html import camera_study
-from usvnet.evaluation.html.camera_study import keypoint_std_px, study_commonest_camera
-from usvnet.evaluation.pose_metrics import PixelErrors
+from usvnet.evaluation.html.camera_study import study_commonest_camera
 from usvnet.evaluation.sensitivity import ALL, Study
 
 
@@ -36,32 +34,25 @@ def test_the_camera_of_most_pictures_is_studied_where_it_sees_boats(dataset, ask
         )
         for frame, pitch in zip(frames, pitches)
     ]
-    study = study_commonest_camera(frames, 2.5)
+    study = study_commonest_camera(frames)
     ((settings, camera),) = asked
     assert float(camera.height_m) == 1.5
     assert float(camera.pitch_rad) == pytest.approx(0.10)
-    assert settings.keypoint_std_px == 2.5
     assert settings.distances_m == (5.0, 10.0), "nearer is below the picture, farther than any reading by half"
-    assert "3 of 4 pictures, 2 cameras" in study.camera
+    assert "took 3 of 4 pictures" in study.camera
     assert "320 x 280 px, focal length 400 px, 1.50 m above the water" in study.camera
 
 
 def test_a_camera_that_sees_no_water_has_no_budget(dataset, asked):
     frame = dataset.frames[0]
     up = replace(frame, camera=frame.camera._replace(pitch_rad=frame.camera.pitch_rad - 1.2))
-    assert study_commonest_camera([up], 1.0) is None
-    assert study_commonest_camera([], 1.0) is None
+    assert study_commonest_camera([up]) is None
+    assert study_commonest_camera([]) is None
     assert asked == []
 
 
 def test_the_budget_is_that_of_the_settings(dataset, monkeypatch):
     monkeypatch.setattr(camera_study, "CURVES", {"pitch_deg": (0.1,)})
-    study = study_commonest_camera(dataset.frames, 1.0)
+    study = study_commonest_camera(dataset.frames)
     assert {cost.source for cost in study.budget} == {"keypoint_px", "pitch_deg", ALL}
     assert {cost.source for cost in study.curves} == {"pitch_deg"}
-
-
-def test_keypoint_noise_is_that_of_a_gaussian_with_the_same_median():
-    distances_px = np.linalg.norm(np.random.default_rng(0).normal(0, 3.0, (100_000, 2)), axis=1)
-    assert keypoint_std_px(PixelErrors(7, float(np.median(distances_px)), 0.0)) == pytest.approx(3.0, rel=0.01)
-    assert keypoint_std_px(PixelErrors(0, math.nan, math.nan)) == 1.0

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import torch
 
 from usvnet.data.records import Frame
-from usvnet.evaluation.pose_metrics import PixelErrors
 from usvnet.evaluation.scenario_boats import scenario_cases
 from usvnet.evaluation.sensitivity import Cost, Study
 from usvnet.evaluation.sensitivity_settings import SensitivitySettings
@@ -25,8 +24,8 @@ CURVES: dict[str, tuple[float, ...]] = {
     "wave_m": (0.02, 0.05, 0.1),
     "keypoint_px": (0.5, 1.0, 2.0),
 }
-RAYLEIGH_MEDIAN = math.sqrt(2 * math.log(2))
-"""Median distance of a point whose two coordinates have a standard deviation of 1."""
+KEYPOINT_STD_PX = 1.0
+"""To first order the cost grows with it; how far keypoints truly stray depends on the distance."""
 
 
 class CameraStudy(NamedTuple):
@@ -34,21 +33,17 @@ class CameraStudy(NamedTuple):
 
     camera: str
     """The camera in words."""
-    keypoint_std_px: float
     budget: list[Cost]
     curves: list[Cost]
 
 
-def study_commonest_camera(
-    frames: Sequence[Frame], keypoint_std_px: float, curved_water: bool = False
-) -> CameraStudy | None:
+def study_commonest_camera(frames: Sequence[Frame], curved_water: bool = False) -> CameraStudy | None:
     """Work out what each thing that is not known exactly costs in range, for boats where the dataset has them.
 
     Attitude and sigmas are the medians over the camera's pictures, the hull is that of the first of them.
 
     Args:
         frames: of the dataset.
-        keypoint_std_px: how well the network places keypoints.
         curved_water: as the predictions were made.
 
     Returns:
@@ -68,19 +63,12 @@ def study_commonest_camera(
         CURVES,
         distances_m=distances_m,
         bearing_deg=bearing_deg,
-        keypoint_std_px=keypoint_std_px,
+        keypoint_std_px=KEYPOINT_STD_PX,
         curved_water=curved_water,
     )
     study = Study(settings, camera, hull)
-    told = f"{_words(camera)}; {count} of {len(frames)} pictures" + (
-        f", {len(set(keys))} cameras" if count < len(frames) else ""
-    )
-    return CameraStudy(told, keypoint_std_px, study.budget(), study.curves())
-
-
-def keypoint_std_px(errors: PixelErrors) -> float:
-    """Standard deviation of a coordinate, by the median distance of keypoints from their labels; 1 if none is known."""
-    return round(errors.median_px / RAYLEIGH_MEDIAN, 2) if errors.n else 1.0
+    told = _words(camera) + (f", which took {count} of {len(frames)} pictures" if count < len(frames) else "")
+    return CameraStudy(told, study.budget(), study.curves())
 
 
 def _identity(camera: Camera) -> tuple[float, ...]:

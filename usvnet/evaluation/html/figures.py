@@ -1,32 +1,19 @@
-"""The figures of the page: panels, a legend of words, and a caption."""
+"""What a figure of the page is, and those of poses, ranges and their errors."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
-from matplotlib.axes import Axes
-
-from usvnet.evaluation.disturbances import DISTURBANCES
-from usvnet.evaluation.html.camera_study import CURVES, CameraStudy
 from usvnet.evaluation.html.charts import MARKERS, draw_bars, draw_boxes, draw_precision_recall, draw_scatter
-from usvnet.evaluation.html.svg import SERIES, SMALL_IN, Panel, draw_panel
+from usvnet.evaluation.html.svg import SMALL_IN, Panel, draw_panel
 from usvnet.evaluation.paper_tables import TABLE_3
 from usvnet.evaluation.pose_metrics import precision_recall
 from usvnet.evaluation.range_metrics import RangedBoat, RangeErrors, group_boats, usable_errors
 from usvnet.evaluation.records import BoatRecord, TruthRecord
 from usvnet.evaluation.scores import Scores
-from usvnet.evaluation.sensitivity import ALL
-from usvnet.evaluation.sensitivity_report import (
-    FIRST_ORDER_NOTE,
-    amount_text,
-    draw_budget_panel,
-    draw_curve_panel,
-    source_text,
-)
-from usvnet.evaluation.uncertainty_report import draw_reliability_panel
 from usvnet.intervals import ESTIMATORS
 
-GLYPHS = dict(zip(MARKERS, "●■▲◆▼⬟✱✖"))
+GLYPHS = dict(zip(MARKERS, "●■◆▲▼✚★✖"))
 LINE, DIAMOND = "━", "◇"
 NO_SCENE = "no scene"
 
@@ -48,6 +35,8 @@ class Figure(NamedTuple):
     legend: list[Key]
 
 
+HEADLINE = "fused"
+"""The estimator that the key figures, the worst pictures and the labels tell of: what ``usvnet predict`` shows."""
 ESTIMATOR_KEYS = [Key("■", f"--c{n}", name) for n, name in enumerate(ESTIMATORS)]
 
 
@@ -107,11 +96,11 @@ def error_figure(ranged: Sequence[RangedBoat], scores: Scores, by: str) -> Figur
     rmse_m = {name: [errors[group][name].rmse_m for group in members] for name in ESTIMATORS}
     spread_m = {name: [usable_errors(boats, name)[0] for boats in members.values()] for name in ESTIMATORS}
     marks, mark = _floor(scores, list(members)) if by == "distance" else _paper(list(members))
-    spoken = "; ".join(f"{group}: {_errors_text(errors[group][SPOKEN])}" for group in members)
+    spoken = "; ".join(f"{group}: {_errors_text(errors[group][HEADLINE])}" for group in members)
     panels = [
         draw_panel(
             f"rmse-by-{by}",
-            f"RMSE by {by} and estimator. {SPOKEN}: {spoken}",
+            f"RMSE by {by} and estimator. {HEADLINE}: {spoken}",
             partial(draw_bars, groups=titles, heights=rmse_m, marks=marks, ylabel="RMSE, m"),
         ),
         draw_panel(
@@ -125,84 +114,6 @@ def error_figure(ranged: Sequence[RangedBoat], scores: Scores, by: str) -> Figur
         "quartiles, and whiskers to the 5th and 95th percentile; above 0 is too far."
     )
     return Figure(caption, panels, [*ESTIMATOR_KEYS, *([Key(DIAMOND, "--ink", mark)] if marks else [])])
-
-
-def reliability_figure(ranged: Sequence[RangedBoat], scores: Scores) -> Figure:
-    """Share of readings inside the interval of every nominal coverage."""
-    panels = [
-        draw_panel(
-            f"reliability-{estimator}",
-            f"Reliability of {estimator}, {errors.n} readings: {_share(errors.after.coverage_68)} in the 68 %, "
-            f"{_share(errors.after.coverage_90)} in the 90 % interval",
-            partial(_reliability, ranged=ranged, scores=scores, estimator=estimator),
-            (4.0, 4.0),
-        )
-        for estimator, errors in scores.intervals.overall.items()
-    ]
-    caption = (
-        "Of all intervals that should hold so many per cent of the readings, how many do. On the line is honest, below "
-        "it too sure, above it too cautious."
-    )
-    legend = [Key(LINE, "--c3", "raw sigma"), Key("■", "--band", "90 % of honest sigmas by chance")]
-    if any(scores.intervals.calibration_boats.values()):
-        legend += [Key(LINE, "--c0", "calibrated sigma"), Key("●", "--c0", "68 % and 90 % intervals")]
-    return Figure(caption, panels, legend)
-
-
-def budget_figure(study: CameraStudy) -> Figure:
-    """Cost of each thing that is not known exactly, by estimator."""
-    panels = [
-        draw_panel(
-            f"budget-{name}",
-            f"Error budget of {name} by distance",
-            partial(_budget, study=study, estimator=name),
-            SMALL_IN,
-        )
-        for name in ESTIMATORS
-    ]
-    sources = list(dict.fromkeys((cost.source, cost.amount) for cost in study.budget if cost.source != ALL))
-    texts = [source_text(source, float(f"{amount:.2g}")) for source, amount in sources]
-    keys = [Key(LINE, f"--c{n}", text) for n, text in enumerate(texts)]
-    caption = (
-        f"Error budget of the camera ({study.camera}): what each thing that its file does not know exactly costs, and "
-        f"the network's own keypoint noise, {study.keypoint_std_px:.2f} px, one standard deviation; {FIRST_ORDER_NOTE}."
-    )
-    return Figure(caption, panels, [*keys, Key(LINE, "--ink", "all together")])
-
-
-def curves_figure(study: CameraStudy, estimator: str) -> Figure:
-    """What each kind of error does to one estimator."""
-    panels = []
-    for source, amounts in CURVES.items():
-        title = DISTURBANCES[source].title
-        texts = ", ".join(amount_text(source, amount) for amount in amounts)
-        draw = partial(_curves, study=study, source=source, estimator=estimator)
-        label = f"Range by {estimator} with {title} wrong by {texts}"
-        panels.append(draw_panel(f"curve-{source}", label, draw, SMALL_IN))
-    caption = (
-        f"What one error does to the range by {estimator}, all else being right. Pitch, roll, height and focal length "
-        "are wrong by a fixed amount; waves and keypoints stray by that standard deviation."
-    )
-    return Figure(caption, panels, [])
-
-
-SPOKEN = ESTIMATORS[-1]
-"""The estimator whose figures the labels tell; all are in the tables."""
-
-
-def _reliability(panel: Axes, ranged: Sequence[RangedBoat], scores: Scores, estimator: str) -> None:
-    draw_reliability_panel(panel, ranged, scores.intervals, estimator)
-    panel.set_ylabel("readings inside, %")
-
-
-def _budget(panel: Axes, study: CameraStudy, estimator: str) -> None:
-    draw_budget_panel(panel, study.budget, estimator)
-    panel.set(xlabel="slant range, m", ylabel="cost, % of the range")
-
-
-def _curves(panel: Axes, study: CameraStudy, source: str, estimator: str) -> None:
-    draw_curve_panel(panel, study.curves, source, estimator, SERIES)
-    panel.legend(fontsize="small", frameon=False)
 
 
 def _floor(scores: Scores, groups: Sequence[str]) -> tuple[Mapping[str, list[float]], str]:
@@ -229,7 +140,3 @@ def _errors_text(errors: RangeErrors) -> str:
     if not errors.n:
         return f"no range, {errors.missed} missed"
     return f"{errors.n} boats, RMSE {errors.rmse_m:.2f} m, {errors.missed} missed"
-
-
-def _share(share: float) -> str:
-    return "none" if share != share else f"{100 * share:.0f} %"

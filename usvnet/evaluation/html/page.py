@@ -11,16 +11,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from usvnet.data.records import Frame
 from usvnet.evaluation.examples import find_examples
-from usvnet.evaluation.html.camera_study import keypoint_std_px, study_commonest_camera
+from usvnet.evaluation.html.camera_study import study_commonest_camera
+from usvnet.evaluation.html.doubt_figures import budget_figure, curves_figure, reliability_figure
 from usvnet.evaluation.html.facts import now, page_facts
-from usvnet.evaluation.html.figures import (
-    budget_figure,
-    curves_figure,
-    error_figure,
-    precision_recall_figure,
-    reliability_figure,
-    scatter_figure,
-)
+from usvnet.evaluation.html.figures import HEADLINE, error_figure, precision_recall_figure, scatter_figure
 from usvnet.evaluation.html.pictures import MISSED, missed_examples, tiles, worst_examples
 from usvnet.evaluation.paper_tables import SOURCE
 from usvnet.evaluation.range_metrics import ranged_boats
@@ -31,9 +25,6 @@ from usvnet.evaluation.sensitivity_report import budget_table
 from usvnet.evaluation.tables import Table
 from usvnet.evaluation.uncertainty_report import floor_table, interval_table
 from usvnet.files import atomic_write
-
-ESTIMATOR = "fused"
-"""Whose ranges the key figures and the worst pictures are of: what ``usvnet predict`` shows."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +85,7 @@ def render_page(evaluation: Evaluation) -> str:
     environment.globals["rows_by_group"] = rows_by_group
     return environment.get_template("report.html").render(
         evaluation=evaluation,
-        estimator=ESTIMATOR,
+        estimator=HEADLINE,
         source=SOURCE,
         split=evaluation.made_with.get("split", "pictures"),
         written=now(),
@@ -109,7 +100,7 @@ def render_page(evaluation: Evaluation) -> str:
 
 def key_figures(scores: Scores) -> list[Tile]:
     """The few figures that most people come for."""
-    keypoints, ranges = scores.keypoints, scores.ranges.overall[ESTIMATOR]
+    keypoints, ranges = scores.keypoints, scores.ranges.overall[HEADLINE]
     boats = keypoints.matched + keypoints.missed
     tiles = [
         Tile("Boats found", f"{keypoints.matched} of {boats}", f"with a score of {scores.range_confidence:g}"),
@@ -120,9 +111,9 @@ def key_figures(scores: Scores) -> list[Tile]:
     if scores.ranges.by_distance:
         share, inside = 100 * ranges.median_relative_error, 100 * ranges.coverage_90
         tiles += [
-            Tile("Range error", _number(share, "{:.1f} %"), f"median, {ESTIMATOR}, {ranges.missed} without a range"),
-            Tile("RMSE", _number(ranges.rmse_m, "{:.2f} m"), f"{ESTIMATOR}, over {ranges.n} boats"),
-            Tile("In the 90 % interval", _number(inside, "{:.0f} %"), f"of the laser's readings, {ESTIMATOR}"),
+            Tile("Range error", _number(share, "{:.1f} %"), f"median, {HEADLINE}, {ranges.missed} without a range"),
+            Tile("RMSE", _number(ranges.rmse_m, "{:.2f} m"), f"{HEADLINE}, over {ranges.n} boats"),
+            Tile("In the 90 % interval", _number(inside, "{:.0f} %"), f"of the laser's readings, {HEADLINE}"),
         ]
     return tiles
 
@@ -158,23 +149,23 @@ def _range(of: Evaluation) -> dict[str, Any]:
 
 
 def _pictures(of: Evaluation) -> dict[str, Any]:
-    examples = find_examples(of.frames, of.records, of.truths, of.scores.range_confidence, ESTIMATOR)
+    examples = find_examples(of.frames, of.records, of.truths, of.scores.range_confidence, HEADLINE)
     missed = missed_examples(examples)
     return {
-        "worst": tiles(worst_examples(examples), ESTIMATOR),
-        "missed": tiles(missed[:MISSED], ESTIMATOR),
+        "worst": tiles(worst_examples(examples), HEADLINE),
+        "missed": tiles(missed[:MISSED], HEADLINE),
         "missed_pictures": len(missed),
     }
 
 
 def _sensitivity(of: Evaluation) -> dict[str, Any]:
-    study = study_commonest_camera(of.frames, keypoint_std_px(of.scores.keypoints.overall), of.curved_water)
+    study = study_commonest_camera(of.frames, of.curved_water)
     if study is None:
         return {"budget": None}
     return {
         "budget": budget_figure(study),
         "budget_table": budget_table(study.budget),
-        "curves": curves_figure(study, ESTIMATOR),
+        "curves": curves_figure(study, HEADLINE),
     }
 
 
