@@ -102,8 +102,9 @@ def key_figures(scores: Scores) -> list[Tile]:
     """The few figures that most people come for."""
     keypoints, ranges = scores.keypoints, scores.ranges.overall[HEADLINE]
     boats = keypoints.matched + keypoints.missed
+    found = 100 * keypoints.matched / boats if boats else math.nan
     tiles = [
-        Tile("Boats found", f"{keypoints.matched} of {boats}", f"with a score of {scores.range_confidence:g}"),
+        Tile("Boats found", _number(found, "{:.0f} %"), f"{keypoints.matched} of {boats}"),
         Tile("mAP50-95", _number(scores.pose.map50_95, "{:.3f}"), "OKS sigma 1/7, the paper's"),
         Tile("mAP50-95, strict", _number(scores.pose_strict.map50_95, "{:.3f}"), "OKS sigma 0.025"),
         Tile("Keypoint error", _number(keypoints.overall.median_px, "{:.1f} px"), "median, pixels of the picture"),
@@ -113,7 +114,7 @@ def key_figures(scores: Scores) -> list[Tile]:
         tiles += [
             Tile("Range error", _number(share, "{:.1f} %"), f"median, {HEADLINE}, {ranges.missed} without a range"),
             Tile("RMSE", _number(ranges.rmse_m, "{:.2f} m"), f"{HEADLINE}, over {ranges.n} boats"),
-            Tile("In the 90 % interval", _number(inside, "{:.0f} %"), f"of the laser's readings, {HEADLINE}"),
+            Tile("In 90 % interval", _number(inside, "{:.0f} %"), f"of the laser's readings, {HEADLINE}"),
         ]
     return tiles
 
