@@ -7,12 +7,16 @@ COMMAND trains the peer on the same data and prints a line ``RESULT {json}`` wit
 --fresh --out FOLDER`` in an environment as ``peer/environment.py`` describes it. The two take
 turns ``--rounds`` times, because a shared machine's speed drifts: only the ratio of neighbours means anything. What
 counts is a training epoch: loading, augmentation, forward pass, losses, backward pass, optimiser, weight average.
+Ours is train.py with a process for each core (or graphics card), which share a batch (docs/scaling.md).
 """
 
 import json
+import os
 import shlex
 import statistics
 import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -20,17 +24,16 @@ import torch
 from jsonargparse import auto_cli
 from lightning.pytorch import Callback, LightningModule, Trainer
 
-from usvnet.config import OptimiserConfig
-from usvnet.data.datamodule import BoatDataModule
 from usvnet.files import atomic_write
-from usvnet.training import USVModule
+
+HERE = Path(__file__).resolve().parent
 
 
 class EpochClock(Callback):
-    """Seconds of each training epoch."""
+    """Says at the end how many pictures a second the training epochs took, validation left out."""
 
     def __init__(self) -> None:
-        self.seconds: list[float] = []
+        self.seconds = 0.0
 
     def on_train_epoch_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Start the clock."""
@@ -38,29 +41,38 @@ class EpochClock(Callback):
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Stop the clock."""
-        self.seconds.append(time.perf_counter() - self.started)
+        self.seconds += time.perf_counter() - self.started
+
+    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Print the result, once for all processes."""
+        if trainer.is_global_zero:
+            pictures = trainer.max_epochs * len(trainer.datamodule.frames("train"))
+            print("RESULT " + json.dumps({"train_img_per_s": pictures / self.seconds}), flush=True)
 
 
-def ours(data: BoatDataModule, variant: str) -> float:
-    """Images per second of one training epoch, every loss switched on."""
-    clock = EpochClock()
-    module = USVModule(variant, optimiser=OptimiserConfig(name="AdamW", learning_rate=0.002), range_loss_start_epoch=0)
-    trainer = Trainer(
-        max_epochs=1,
-        limit_val_batches=0,
-        logger=False,
-        enable_checkpointing=False,
-        enable_model_summary=False,
-        gradient_clip_val=10.0,
-        callbacks=[clock],
-    )
-    trainer.fit(module, data)
-    return len(data.frames("train")) / clock.seconds[0]
+def our_command(settings: dict[str, object], processes: int, run_dir: str) -> list[str]:
+    """The call of train.py, every loss switched on."""
+    options = {
+        **settings,
+        "model.range_loss_start_epoch": 0,
+        "trainer.devices": processes,
+        "trainer.limit_val_batches": 0,
+        "trainer.callbacks+": "training_speed.EpochClock",
+        "trainer.strategy": "ddp" if processes > 1 else "auto",
+        "run_dir": run_dir,
+    }
+    if not torch.cuda.is_available():
+        options["trainer.accelerator"] = "cpu"
+    command = [sys.executable, str(HERE.parent / "train.py"), "--config"]
+    command.append(str(HERE.parent / "configs" / "experiment" / "sixscenes.yaml"))
+    return command + [f"--{key}={value}" for key, value in options.items()]
 
 
-def peer(command: str) -> float:
-    """Images per second that the peer's own program reports."""
-    output = subprocess.run(shlex.split(command), capture_output=True, text=True, check=True).stdout
+def images_per_second(command: list[str]) -> float:
+    """What a training program reports."""
+    environment = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
+    environment["PYTHONPATH"] = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
+    output = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=environment).stdout
     result = next(line for line in output.splitlines() if line.startswith("RESULT "))
     return float(json.loads(result.removeprefix("RESULT "))["train_img_per_s"])
 
@@ -71,6 +83,8 @@ def main(
     variant: str = "n",
     image_size: int = 320,
     batch_size: int = 16,
+    epochs: int = 1,
+    processes: int | None = None,
     rounds: int = 1,
     output: str = "runs/training_speed.json",
 ) -> None:
@@ -81,22 +95,34 @@ def main(
         peer_command: the peer's training program; without it only ours is timed.
         variant: size of the network.
         image_size: side of the training picture.
-        batch_size: pictures a batch.
+        batch_size: pictures a batch, which the processes share.
+        epochs: epochs of ours in every round.
+        processes: that train together; None for one on each graphics card, or else on each core.
         rounds: how often the two take turns.
         output: JSON file of the figures.
     """
+    processes = processes or torch.cuda.device_count() or len(os.sched_getaffinity(0))
+    settings: dict[str, object] = {
+        "data.root": root,
+        "data.image_size": image_size,
+        "data.eval_image_size": image_size,
+        "data.batch_size": batch_size // processes,
+        "model.variant": variant,
+        "trainer.max_epochs": epochs,
+    }
     rows = []
     for _ in range(rounds):
-        row = {"ours_img_per_s": ours(BoatDataModule(root, image_size=image_size, batch_size=batch_size), variant)}
+        with tempfile.TemporaryDirectory() as run_dir:
+            row = {"ours_img_per_s": images_per_second(our_command(settings, processes, run_dir))}
         if peer_command:
-            row["peer_img_per_s"] = peer(peer_command)
+            row["peer_img_per_s"] = images_per_second(shlex.split(peer_command))
             row["ratio"] = row["ours_img_per_s"] / row["peer_img_per_s"]
         print("  ".join(f"{name} {value:.2f}" for name, value in row.items()), flush=True)
         rows.append(row)
     medians = {name: statistics.median(row[name] for row in rows) for name in rows[0]}
-    settings = {"variant": variant, "image_size": image_size, "batch_size": batch_size, "torch": torch.__version__}
+    written = {**settings, "processes": processes, "peer": peer_command, "torch": torch.__version__}
     with atomic_write(Path(output)) as temporary:
-        temporary.write_text(json.dumps({"settings": settings, "rounds": rows, "median": medians}, indent=1))
+        temporary.write_text(json.dumps({"settings": written, "rounds": rows, "median": medians}, indent=1))
 
 
 if __name__ == "__main__":

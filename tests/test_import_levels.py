@@ -11,7 +11,7 @@ INTEGRATIONS = ROOT.glob("integrations/**/*.py")
 SOURCES = sorted([*ROOT.glob("usvnet/**/*.py"), *ROOT.glob("scripts/*.py"), *ROOT.glob("*.py"), *INTEGRATIONS])
 
 LEVELS = [
-    {"__init__", "types", "files", "config"},
+    {"__init__", "types", "files", "config", "allocator"},
     {"geometry", "heatmap", "intervals", "keypoint_noise", "crops"},
     {"network", "losses", "data", "simulator", "metrics", "tracking"},
     {"model"},
@@ -48,6 +48,7 @@ ONLY_IN = {
     "jinja2": ["usvnet/evaluation/html/page.py"],
     "pycocotools": ["usvnet/evaluation/*", "usvnet/data/*"],
     "matplotlib": ["usvnet/evaluation/*", "usvnet/data/*", "usvnet/commands/*", "usvnet/sweep/figure.py"],
+    **{name: [] for name in ("onnx", "onnxruntime", "openvino")},  # asked for by name, in usvnet/deploy/runtimes.py
     "ray": ["usvnet/sweep/ray_tune.py"],
     "cv2": [
         *("usvnet/geometry/calibration*.py", "usvnet/geometry/chessboard.py"),

@@ -12,6 +12,7 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.trainer.states import TrainerStatus
 
+from usvnet.allocator import keep_freed_memory
 from usvnet.callbacks import CHECKPOINT_FOLDER, run_callbacks
 from usvnet.checkpoints import check_variant, read_checkpoint
 from usvnet.data.datamodule import BoatDataModule
@@ -130,6 +131,7 @@ class TrainingCLI(LightningCLI):
             KeyboardInterrupt: the user stopped the run; a line on stderr says how to go on.
         """
         start = self.start_checkpoint()
+        keep_freed_memory()
         try:
             self.trainer.fit(self.model, self.datamodule, ckpt_path=start, weights_only=True)
         except SystemExit:  # Lightning's way out of Ctrl-C
