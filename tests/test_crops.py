@@ -13,6 +13,7 @@ from usvnet.crops import (
     cut,
     from_crop,
     inside_crop,
+    jitter_boxes,
     place_crops,
     to_crop,
 )
@@ -55,6 +56,18 @@ def test_small_boats_are_not_enlarged_without_end():
     native_px_in_image = float(TO_IMAGE[0, 0])
     assert crops().step_px[0].item() == pytest.approx(MIN_STEP_NATIVE_PX * native_px_in_image)
     assert crops().step_px[1].item() > MIN_STEP_NATIVE_PX * native_px_in_image
+
+
+def test_jittered_boxes_stray_as_far_as_they_may():
+    torch.manual_seed(0)
+    boxes_px = BOXES_PX[1].expand(1000, 4)
+    strayed = jitter_boxes(boxes_px, shift=0.15, log_scale=0.25)
+    shift = (strayed.view(-1, 2, 2).mean(1) - boxes_px.view(-1, 2, 2).mean(1)).abs() / 80
+    assert shift.max() < 0.15
+    assert shift.amax(0).min() > 0.13
+    scale = ((strayed[:, 2:] - strayed[:, :2]) / (boxes_px[:, 2:] - boxes_px[:, :2])).log()
+    torch.testing.assert_close(scale[:, 0], scale[:, 1])
+    assert 0.23 < scale.abs().max() < 0.25
 
 
 def test_places_have_no_gradient():

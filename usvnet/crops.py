@@ -76,6 +76,21 @@ def place_crops(
     return Crops((low + high) / 2 - step_px * ((size_px - 1) / 2), step_px)
 
 
+def jitter_boxes(boxes_px: Tensor, shift: float = 0.15, log_scale: float = 0.25) -> Tensor:
+    """Labelled boxes (..., 4) as a detector might find them.
+
+    Args:
+        boxes_px: the boxes.
+        shift: how far the centre moves at most, along each axis, as a fraction of the longer side.
+        log_scale: largest change of the logarithm of the size.
+    """
+    low, high = boxes_px[..., :2], boxes_px[..., 2:]
+    longer_px = (high - low).amax(-1, keepdim=True)
+    centre = (low + high) / 2 + shift * longer_px * (2 * torch.rand_like(low) - 1)
+    half = (high - low) / 2 * torch.exp(log_scale * (2 * torch.rand_like(longer_px) - 1))
+    return torch.cat([centre - half, centre + half], -1)
+
+
 def to_crop(points_px: Tensor, crops: Crops) -> Tensor:
     """Points (M, K, 2) of the image in the pixels of their crops."""
     return (points_px - crops.corner_px.unsqueeze(1)) / crops.step_px.unsqueeze(1)

@@ -11,6 +11,7 @@ from torch.optim import Optimizer
 from usvnet.callbacks import MovingAverage, NormWarmup
 from usvnet.checkpoints import STAMP, check_variant, load_model
 from usvnet.config import LossWeights, OptimiserConfig
+from usvnet.crops import jitter_boxes
 from usvnet.evaluation.records import BoatRecord, TruthRecord, to_records, to_truths
 from usvnet.evaluation.scores import Scores, score
 from usvnet.losses import Assignment, Criterion, RangeCurriculum, assign, keypoint_error
@@ -119,11 +120,14 @@ class USVModule(LightningModule):
         with torch.autocast(batch.image.device.type, enabled=False):
             output = NetworkOutput(*[tensor.float() for tensor in output])
             assignment = assign(output, batch.boats)
-            boxes_px, keypoints_px, covariance_px2 = self.located(output, assignment)
+            keypoints_px, covariance_px2 = self.located(output, assignment)
             refinement = None
             if self.model.refiner is not None and batch.native is not None:
-                present = batch.boats.present
-                refinement = self.model.refiner(batch.native, boxes_px, keypoints_px, covariance_px2, present)
+                # crops about the labels: a detector that has learnt little yet would show the refiner bare water
+                boxes_px = jitter_boxes(batch.boats.boxes_px) if self.training else batch.boats.boxes_px
+                refinement = self.model.refiner(
+                    batch.native, boxes_px, keypoints_px, covariance_px2, batch.boats.present
+                )
                 keypoints_px, covariance_px2 = refinement.keypoints_px, refinement.covariance_px2
             slant_m, valid = self.ranges(keypoints_px, covariance_px2, batch.boats, batch.camera)
             if self.training:
@@ -142,16 +146,15 @@ class USVModule(LightningModule):
         torch.distributed.all_reduce(total)
         return total[0] / total[1]
 
-    def located(self, output: NetworkOutput, assignment: Assignment) -> tuple[Tensor, Tensor, Tensor]:
-        """What the detector says of each labelled boat, read at the boat's best anchor.
+    def located(self, output: NetworkOutput, assignment: Assignment) -> tuple[Tensor, Tensor]:
+        """The detector's keypoints of each labelled boat, read from the boat's best anchor on.
 
         Returns:
-            (B, N, 4) boxes, (B, N, 7, 2) keypoints and (B, N, 7, 2, 2) their covariance.
+            (B, N, 7, 2) keypoints and (B, N, 7, 2, 2) their covariance.
         """
         picture = torch.arange(len(assignment.best_anchor), device=assignment.best_anchor.device).unsqueeze(1)
         coarse_px = output.keypoints_px[picture, assignment.best_anchor]
-        keypoints_px, covariance_px2 = self.model.locate(output.heatmap_logits, coarse_px)
-        return output.boxes_px[picture, assignment.best_anchor], keypoints_px, covariance_px2
+        return self.model.locate(output.heatmap_logits, coarse_px)
 
     def ranges(
         self, keypoints_px: Tensor, covariance_px2: Tensor, boats: Boats, camera: Camera
