@@ -15,11 +15,12 @@ from usvnet import __version__
 from usvnet.files import run_program
 
 COMMANDS = {
+    "benchmark": "compare the formats that a model can be exported to on this machine, and say which to use",
     "calibrate": "find a camera's focal length and distortion from pictures of a chessboard",
     "calibrate-mount": "find a camera's height, pitch and roll from points at known places",
     "check-data": "count a dataset and name every fault in it",
     "convert": "turn an export of CVAT or Label Studio, or a folder of pictures by scene, into a dataset",
-    "export": "write a trained model as TorchScript, for C++ or for Python without usvnet",
+    "export": "write a trained model as TorchScript, torch.export, ONNX or OpenVINO, for programs without usvnet",
     "import-weights": "start from weights that Ultralytics trained (YOLO11, YOLOv8, YOLOv8-P6)",
     "sensitivity": "say what an error of camera, keypoints or water costs in range",
     "predict": "find boats in pictures, a video, a webcam or a stream, and say how far away they are",

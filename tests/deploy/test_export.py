@@ -7,8 +7,11 @@ from torch import nn
 from torch.nn import functional
 
 from usvnet.deploy import export
-from usvnet.deploy.deployed import INPUTS, OUTPUTS, DeployedUSVNet
-from usvnet.deploy.parity import camera_std, check_parity, probe_camera
+from usvnet.deploy.deployed import INPUTS, OUTPUTS, DeployedUSVNet, camera_std
+from usvnet.deploy.exported import ExportedModel
+from usvnet.deploy.parity import check_parity, probe_camera
+from usvnet.deploy.predictor import Predictor
+from usvnet.deploy.sidecar import read_sidecar, sidecar_path
 from usvnet.intervals import ESTIMATORS, UNCALIBRATED, IntervalFactors
 from usvnet.model import USVNet
 
@@ -33,7 +36,7 @@ def model():
 @pytest.fixture(scope="module")
 def exported(model, tmp_path_factory):
     path = tmp_path_factory.mktemp("export") / "model.ts"
-    return path, export.export_torchscript(model, path, score_threshold=0.6, image_size=320)
+    return path, export.export_model(model, path, score_threshold=0.6, image_size=320)
 
 
 def inputs(batch, height, width):
@@ -77,7 +80,7 @@ def test_the_file_applies_the_interval_factors_of_the_model(model, tmp_path):
     calibrated = copy.deepcopy(model)
     factors = {"box_bottom": IntervalFactors(1.5, 2.5, 60), "waterline": IntervalFactors(0.5, 0.7, 60)}
     calibrated.intervals.set_factors(factors)
-    export.export_torchscript(calibrated, tmp_path / "model.ts")
+    export.export_model(calibrated, tmp_path / "model.ts")
     got = answer(torch.jit.load(tmp_path / "model.ts"), 2, 128, 160)
     image, camera, _ = inputs(2, 128, 160)
     with torch.inference_mode():
@@ -88,7 +91,7 @@ def test_the_file_applies_the_interval_factors_of_the_model(model, tmp_path):
         assert near.any()
         torch.testing.assert_close(got[f"{name}_slant_std_m"][near], after[near], atol=1e-3, rtol=1e-3)
         torch.testing.assert_close(after[near], before[near] * factors.get(name, UNCALIBRATED).factor_90)
-    sidecar = json.loads((tmp_path / "model.json").read_text())
+    sidecar = json.loads((tmp_path / "model.ts.json").read_text())
     assert sidecar["model"]["interval_factors"]["box_bottom"] == {"factor_68": 1.5, "factor_90": 2.5, "boats": 60}
 
 
@@ -114,7 +117,7 @@ def test_camera_sigmas_widen_the_ranges_only(exported):
 
 def test_the_sidecar_explains_every_input_and_output(model, exported):
     path, _ = exported
-    sidecar = json.loads(export.sidecar_path(path).read_text())
+    sidecar = json.loads(sidecar_path(path).read_text())
     reloaded = torch.jit.load(path)
     assert sidecar["outputs"].keys() == answer(reloaded, 1, 64, 64).keys()
     names = [argument.name for argument in reloaded.forward.schema.arguments][1:]
@@ -122,7 +125,7 @@ def test_the_sidecar_explains_every_input_and_output(model, exported):
     assert sidecar["model"]["trained_image_size_px"] == 320
     assert sidecar["model"]["score_threshold"] == 0.6
     assert len(sidecar["keypoint_names"]) == 7
-    assert len(sidecar["sha256"]["weights"]) == len(sidecar["sha256"]["file"]) == 64
+    assert len(sidecar["sha256"]["weights"]) == len(sidecar["sha256"]["ts"]) == 64
 
 
 def test_a_file_that_differs_is_removed(model, tmp_path, monkeypatch):
@@ -131,8 +134,9 @@ def test_a_file_that_differs_is_removed(model, tmp_path, monkeypatch):
 
     monkeypatch.setattr(export, "check_parity", differ)
     monkeypatch.setattr(export, "DeployedUSVNet", lambda model, score_threshold: nn.ReLU())  # scripts in no time
+    monkeypatch.setattr(export, "describe", lambda *whole: {})
     with pytest.raises(ValueError, match="differs"):
-        export.export_torchscript(model, tmp_path / "model.ts")
+        export.export_model(model, tmp_path / "model.ts")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -145,6 +149,46 @@ def test_a_difference_is_noticed(model):
             check_parity(model, first, second)
 
 
-def test_only_torchscript_suffixes(model, tmp_path):
-    with pytest.raises(ValueError, match=r"model\.onnx.*\.ts"):
-        export.export_torchscript(model, tmp_path / "model.onnx")
+def test_other_suffixes_are_refused(model, tmp_path):
+    with pytest.raises(ValueError, match=r"model\.tflite.*\.ts, .*\.onnx, \.xml"):
+        export.export_model(model, tmp_path / "model.tflite")
+
+
+def test_predictions_by_a_file_are_those_of_its_model(model, exported):
+    camera = probe_camera(1, 128, 160)
+    picture = (inputs(1, 128, 160)[0][0].permute(1, 2, 0) * 255).round().to(torch.uint8).numpy()
+    opened = ExportedModel(exported[0])
+    assert opened.score_threshold == 0.6
+    assert opened.sidecar.image_size == 320
+    of_file = Predictor(opened, camera, image_size=160, confidence=0.3)
+    of_model = Predictor(model, camera, image_size=160, confidence=0.3)
+    boats, expected = of_file(picture), of_model(picture)
+    assert Predictor(opened, camera, confidence=0.3).image_size == 320
+    assert of_file.stride_px == of_model.stride_px
+    assert of_file.factors == of_model.factors
+    assert len(boats) == len(expected) >= 2
+    for boat, same in zip(boats, expected):
+        assert boat.score == pytest.approx(same.score, abs=1e-5)
+        assert boat.keypoints_px == pytest.approx(same.keypoints_px, abs=0.01)
+        assert boat.ranges["waterline"].valid == same.ranges["waterline"].valid
+        if same.ranges["waterline"].slant_m < 10:
+            assert boat.ranges["waterline"].slant_m == pytest.approx(same.ranges["waterline"].slant_m, abs=0.001)
+
+
+def test_a_description_of_another_file_is_refused(exported, tmp_path):
+    path = tmp_path / "model.ts"
+    path.write_bytes(exported[0].read_bytes())
+    with pytest.raises(FileNotFoundError, match=r"model\.ts\.json: no such file"):
+        read_sidecar(path)
+    about = json.loads(sidecar_path(exported[0]).read_text())
+    sidecar_path(path).write_text(json.dumps(about))
+    assert read_sidecar(path).score_threshold == 0.6
+    for spoilt, reason in (
+        ({**about, "keypoint_names": ["bow"]}, "keypoint_names are bow, expected bow, bow_left"),
+        ({**about, "model": {}}, "got something else"),
+        ({**about, "sha256": {"ts": "0"}}, "describes another model.ts"),
+        ([], "got something else"),
+    ):
+        sidecar_path(path).write_text(json.dumps(spoilt))
+        with pytest.raises(ValueError, match=reason):
+            read_sidecar(path)

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from usvnet.deploy.deployed import DeployedUSVNet, fill_up
-from usvnet.deploy.export import export_torchscript
+from usvnet.deploy.export import export_model
 from usvnet.deploy.parity import probe_camera
 from usvnet.model import USVNet
 
@@ -16,7 +16,7 @@ def model():
 
 
 def test_the_export_agrees_with_the_model(model, tmp_path):
-    parity = export_torchscript(model, tmp_path / "model.ts")
+    parity = export_model(model, tmp_path / "model.ts")
     assert parity.px <= 0.01
 
 

@@ -13,6 +13,7 @@ from usvnet.checkpoints import sha256
 from usvnet.data.attitudes import AttitudeConfig
 from usvnet.deploy.annotated import annotated_pictures, annotated_video
 from usvnet.deploy.attitudes import FrameAttitudes
+from usvnet.deploy.exported import ExportedModel
 from usvnet.deploy.outputs import Outputs, Writer, boat_table, json_lines
 from usvnet.deploy.predictor import Predictor, best_estimator, check_estimator, default_checkpoint
 from usvnet.deploy.run import Tally, predict_source, stopped_by_signals
@@ -20,6 +21,7 @@ from usvnet.deploy.sources import Photographs, Source
 from usvnet.deploy.streams import LiveStream, open_source
 from usvnet.deploy.track_files import mot_text, track_table
 from usvnet.deploy.tracking import BoatFollower
+from usvnet.evaluation.records import RANGE_CONFIDENCE
 from usvnet.tracking.tracker import TrackingConfig
 from usvnet.visualize.scene import SceneDrawer
 
@@ -33,6 +35,7 @@ def predict(
     *,
     camera: Path,
     checkpoint: Path | None = None,
+    model: Path | None = None,
     hull: Path | None = None,
     attitude: Literal["file", "horizon", "combined"] = "file",
     imu: Path | None = None,
@@ -40,7 +43,7 @@ def predict(
     output: Path = Path("predictions"),
     estimator: str | None = None,
     image_size: int | None = None,
-    confidence: float = 0.25,
+    confidence: float | None = None,
     batch_size: int = 1,
     every: int = 1,
     fps: float | None = None,
@@ -61,6 +64,7 @@ def predict(
         source: Picture, folder, glob (quote it), video, number of a webcam, or rtsp:// or http:// address.
         camera: Camera file of usvnet calibrate, with the mount; scaled where pictures have another size but its shape.
         checkpoint: Weights written by train.py; the ones that come with usvnet where none is named.
+        model: File of usvnet export (.ts, .pt, .pt2, .onnx or .xml) to compute with instead of a checkpoint.
         hull: Hull file of the boats to expect, for the estimators hull and fused; a generic one where none is named.
         attitude: Pitch and roll from files (the imu's, else the mount's), from the horizon seen in the picture (the
             files' where none is seen), or from both combined.
@@ -70,7 +74,7 @@ def predict(
         output: Folder of the results.
         estimator: The range to draw and to count; the best there is where none is named.
         image_size: Longer side of what the network sees, pixels; the size it was trained on where none is named.
-        confidence: Lowest score of a boat.
+        confidence: Lowest score of a boat; 0.25, or what the model was exported with, where none is named.
         batch_size: Pictures, or frames of a video, computed at once; a stream's frames go one by one.
         every: Take one frame in so many.
         fps: How many pictures of a folder were taken a second, if they are the frames of a video.
@@ -94,8 +98,13 @@ def predict(
     for name, number in (("batch_size", batch_size), ("max_frames", max_frames)):
         if number is not None and number < 1:
             raise ValueError(f"{name}: got {number}, expected at least 1")
-    checkpoint = checkpoint or default_checkpoint()
-    predictor = Predictor(checkpoint, camera, hull, image_size, confidence, device)
+    if checkpoint is not None and model is not None:
+        raise ValueError("checkpoint and model: got both, expected one of them")
+    weights = model or checkpoint or default_checkpoint()
+    exported = ExportedModel(weights, device) if model else None
+    if confidence is None:
+        confidence = exported.score_threshold if exported else RANGE_CONFIDENCE
+    predictor = Predictor(exported or weights, camera, hull, image_size, confidence, device)
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     predictor.warm_up()
     attitudes = FrameAttitudes(AttitudeConfig(attitude, imu_offset_s), imu)
@@ -113,8 +122,8 @@ def predict(
         "fps": fps,
         "camera": str(camera),
         "camera_sha256": sha256(camera),
-        "checkpoint": str(checkpoint),
-        "checkpoint_sha256": sha256(checkpoint),
+        "checkpoint": str(weights),
+        "checkpoint_sha256": sha256(weights),
         "hull": None if hull is None else str(hull),
         "attitude": attitude,
         "imu": None if imu is None else str(imu),

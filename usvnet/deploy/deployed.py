@@ -54,6 +54,10 @@ ESTIMATES = {
     "reason": "(B, N) int64: 0 valid, 1 at or above the horizon, 2 the keypoints do not fit the hull, 3 no ray",
 }
 """What there is for each estimator, named ``<estimator>_<estimate>``."""
+ANSWERS = OUTPUTS | {
+    f"{who}_{what}": f"{text}: {by}" for who, by in ESTIMATORS.items() for what, text in ESTIMATES.items()
+}
+"""All outputs in their order."""
 
 GREY = FILL / 255
 """What training fills margins with, on the scale of the input."""
@@ -139,6 +143,45 @@ class DeployedUSVNet(nn.Module):
         add_estimate(named, "hull", prediction.hull)
         add_estimate(named, "fused", prediction.fused)
         return named
+
+
+class PositionalUSVNet(nn.Module):
+    """The same with every input required, and the outputs as a tuple in the order of :data:`ANSWERS`.
+
+    For formats without optional inputs and named outputs.
+    """
+
+    def __init__(self, deployed: DeployedUSVNet) -> None:
+        super().__init__()
+        self.deployed = deployed
+
+    def forward(
+        self,
+        image: Tensor,
+        K: Tensor,
+        distortion: Tensor,
+        height_m: Tensor,
+        pitch_rad: Tensor,
+        roll_rad: Tensor,
+        camera_std: Tensor,
+        hull_points_m: Tensor,
+        hull_std: Tensor,
+    ) -> tuple[Tensor, ...]:
+        """Find and range the boats in B pictures; see :data:`INPUTS`."""
+        mount = (height_m, pitch_rad, roll_rad, camera_std)
+        return tuple(self.deployed(image, K, distortion, *mount, hull_points_m, hull_std).values())
+
+
+def camera_std(camera: Camera) -> Tensor:
+    """The standard deviations of B cameras in the order of the input ``camera_std``."""
+    std = (camera.focal_std_px, camera.height_std_m, camera.pitch_std_rad, camera.roll_std_rad, camera.wave_std_m)
+    return torch.stack(std, -1)
+
+
+def plain_inputs(image: Tensor, camera: Camera, hull: Hull) -> tuple[Tensor, ...]:
+    """All of :data:`INPUTS` in their order."""
+    mount = (camera.K, camera.distortion, camera.height_m, camera.pitch_rad, camera.roll_rad, camera_std(camera))
+    return (image, *mount, hull.points_m, torch.stack([hull.scale_std, hull.point_std_m], -1))
 
 
 def fill_up(image: Tensor, multiple: int, value: float = GREY) -> Tensor:

@@ -3,7 +3,7 @@
 import copy
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from usvnet.checkpoints import STAMP, load_model, read_checkpoint
 from usvnet.data.transforms import warp
 from usvnet.deploy.deployed import fold_norms
+from usvnet.deploy.exported import ExportedModel
 from usvnet.evaluation.records import ESTIMATORS, RANGE_CONFIDENCE, BoatRecord, to_records
 from usvnet.geometry.camera import camera_to, letterbox_camera, letterbox_matrix, scale_camera, stack_cameras
 from usvnet.geometry.camera_files import load_camera
 from usvnet.geometry.hull_files import load_hull
 from usvnet.geometry.hull_model import hull_to, stack_hulls
 from usvnet.model import USVNet
-from usvnet.types import Camera, Hull, Native
+from usvnet.types import Camera, Hull, Native, Prediction
 
 Picture = NDArray[np.uint8]
 """(H, W, 3) RGB."""
@@ -38,12 +39,13 @@ class Predictor:
     trained with ``model.refine`` looks at far boats again in the pictures as they are.
 
     Args:
-        checkpoint: written by train.py, or a model in memory.
+        checkpoint: written by train.py, a model in memory, or an exported file that was opened.
         camera: camera file with its mount, or a camera in memory (a batch of 1).
         hull: hull file of the boats to expect, or a hull in memory (a batch of 1); None is a generic one.
         image_size: longer side of what the network sees, pixels; None is the size that it was trained on.
         confidence: lowest score of a boat.
-        device: where to compute; None is the first GPU, or the processor where there is none.
+        device: where to compute; None is the first GPU, or the processor where there is none. An exported file that was
+            opened has its own.
 
     Raises:
         FileNotFoundError: no such file.
@@ -52,7 +54,7 @@ class Predictor:
 
     def __init__(
         self,
-        checkpoint: Path | str | USVNet,
+        checkpoint: Path | str | USVNet | ExportedModel,
         camera: Path | str | Camera,
         hull: Path | str | Hull | None = None,
         image_size: int | None = None,
@@ -61,19 +63,30 @@ class Predictor:
     ) -> None:
         if not 0 <= confidence <= 1:
             raise ValueError(f"confidence: got {confidence:g}, expected a score from 0 to 1")
-        trained_size = None if isinstance(checkpoint, USVNet) else read_checkpoint(checkpoint)[STAMP].get("image_size")
+        if isinstance(checkpoint, ExportedModel):
+            trained_size = checkpoint.sidecar.image_size
+        else:
+            trained_size = (
+                None if isinstance(checkpoint, USVNet) else read_checkpoint(checkpoint)[STAMP].get("image_size")
+            )
         self.image_size = image_size or trained_size or DEFAULT_IMAGE_SIZE_PX
         if self.image_size < 32:
             raise ValueError(f"image_size: got {self.image_size}, expected at least 32")
         self.camera_name = "camera" if isinstance(camera, Camera) else str(camera)
         self.camera = camera if isinstance(camera, Camera) else load_camera(camera)
         self.hull = load_hull(hull) if isinstance(hull, Path | str) else hull
-        self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
-        model = copy.deepcopy(checkpoint) if isinstance(checkpoint, USVNet) else load_model(checkpoint)
-        self.stride_px = model.network.largest_stride_px
-        self.refines = model.refiner is not None
-        self.factors = model.intervals.factors()
-        self.model = _made_fast(model, confidence).to(self.device)
+        self.model: Callable[..., Prediction]
+        if isinstance(checkpoint, ExportedModel):
+            self.device, self.refines, self.model = checkpoint.device, False, checkpoint
+            self.stride_px, self.factors = checkpoint.sidecar.largest_stride_px, checkpoint.sidecar.factors
+            checkpoint.score_threshold = confidence
+        else:
+            self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+            model = copy.deepcopy(checkpoint) if isinstance(checkpoint, USVNet) else load_model(checkpoint)
+            self.stride_px = model.network.largest_stride_px
+            self.refines = model.refiner is not None
+            self.factors = model.intervals.factors()
+            self.model = _made_fast(model, confidence).to(self.device)
         self._cameras: dict[tuple[int, int], Camera] = {}
 
     @property
