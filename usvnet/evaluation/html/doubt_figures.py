@@ -95,7 +95,8 @@ def _budget(panel: Axes, study: CameraStudy, estimator: str) -> None:
 
 def _curves(panel: Axes, study: CameraStudy, source: str, estimator: str) -> None:
     draw_curve_panel(panel, study.curves, source, estimator, SERIES)
-    panel.legend(fontsize="small", frameon=False)
+    panel.set_title(panel.get_title(), pad=20)
+    panel.legend(loc="lower center", bbox_to_anchor=(0.5, 0.98), ncols=3, fontsize="small", frameon=False)
 
 
 def _share(share: float) -> str:
