@@ -21,6 +21,7 @@ OF_TRAINING = (
 def main() -> None:
     """Score a checkpoint on a split of the configuration's dataset."""
     # imported after run_program has begun, so that Ctrl-C while importing is handled too
+    from usvnet.checkpoints import read_checkpoint
     from usvnet.data.datamodule import BoatDataModule
     from usvnet.deploy.predictor import default_checkpoint
     from usvnet.evaluation.calibrator import calibrate_checkpoint
@@ -57,6 +58,8 @@ def main() -> None:
         settings.output = settings.output or f"runs/{settings.checkpoint.stem}/evaluation/{settings.split}"
         if settings.calibrate_intervals is not None:
             raise ValueError(f"calibrate_intervals changes a checkpoint: name a copy of {settings.checkpoint} with it")
+    else:
+        read_checkpoint(settings.checkpoint)  # a missing or damaged one is told before horizons are looked for
     if settings.calibrate_intervals is not None:
         calibrated_on = data.dataset(settings.calibrate_intervals)
         calibrate_checkpoint(

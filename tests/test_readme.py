@@ -70,7 +70,7 @@ def test_evaluation_commands_are_understood(root, pages, monkeypatch, capsys):
         monkeypatch.setattr(sys, "argv", ["evaluate.py", *words, *there])
         with pytest.raises(SystemExit):
             runpy.run_path("evaluate.py", run_name="__main__")
-        assert capsys.readouterr().err.splitlines()[-1] == f"error: no/{checkpoint}: no such checkpoint file"
+        assert capsys.readouterr().err == f"error: no/{checkpoint}: no such checkpoint file\n"
 
 
 def test_python_examples_run(root, readme, untrained, tmp_path, monkeypatch, capsys):
