@@ -6,14 +6,8 @@ from typing import Any
 from usvnet.files import run_program
 
 OF_TRAINING = (
-    "seed_everything",
-    "trainer",
-    "model",
-    "run_dir",
-    "ckpt_path",
-    "resume",
-    "evaluate_after",
-    "export_after",
+    *("seed_everything", "trainer", "model", "run_dir"),
+    *("ckpt_path", "resume", "evaluate_after", "export_after"),
 )
 """Keys of a training configuration that evaluation does not read: the checkpoint knows its own network."""
 
