@@ -85,6 +85,7 @@ def main(
     experiment: str = "configs/experiment/sixscenes.yaml",
     out: str = "runs/ablation",
     rows: list[str] | None = None,
+    options: list[str] | None = None,
 ) -> None:
     """Train, score and print the table, row by row.
 
@@ -95,6 +96,7 @@ def main(
         experiment: what every run has in common.
         out: folder of the runs and of the table.
         rows: names of the rows to run, all by default.
+        options: further options of train.py for every run, as in ``'["--data.image_size=224"]'``.
 
     Raises:
         ValueError: a row is not known.
@@ -108,7 +110,7 @@ def main(
         if metrics_of(run_dir) is None:
             common = [f"--config={experiment}", f"--data.root={root}", f"--seed_everything={seed}"]
             length = [f"--trainer.max_epochs={epochs}", f"--trainer.check_val_every_n_epoch={epochs}"]
-            train(run_dir, [*common, *length, "--model.range_loss_start_epoch=0", *ROWS[row]])
+            train(run_dir, [*common, *length, "--model.range_loss_start_epoch=0", *(options or []), *ROWS[row]])
         metrics = metrics_of(run_dir)
         assert metrics is not None, f"{run_dir}: train.py has written no metrics.json"
         results[row] = {heading: figure(metrics, path) for heading, path in COLUMNS.items()}
