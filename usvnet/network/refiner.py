@@ -23,10 +23,15 @@ HINT_SIGMA_CELLS = 3.0
 HINT_NOISE_PX = 3.0
 """Training moves each boat's hints by this much together, and each by as much again (crop pixels, one standard
 deviation): on pictures that it trains on the detector is better than elsewhere, and copying it must not pay."""
+CONTRAST_FLOOR = 0.02
+"""Five grey levels: a crop whose contrast is less is mostly noise, and is not stretched as far as others."""
 
 
 class RefinedHeatmaps(nn.Module):
-    """A small hourglass at strides 2, 4 and 8 of the crop: for one boat a tenth of the smallest detector's work."""
+    """A small hourglass at strides 2, 4 and 8 of the crop: for one boat a tenth of the smallest detector's work.
+
+    Each crop is seen in its own contrast, since dusk and fog leave a boat a few grey levels only.
+    """
 
     def __init__(self, hidden: int = 32) -> None:
         super().__init__()
@@ -40,10 +45,13 @@ class RefinedHeatmaps(nn.Module):
         self.up2 = Conv(hidden, hidden, 3)
         self.enlarge = nn.Upsample(scale_factor=2.0, mode="bilinear")
         self.heatmap = nn.Conv2d(hidden, NUM_KEYPOINTS, 1)
+        self.contrast_floor = CONTRAST_FLOOR
 
     def forward(self, crop: Tensor, hints: Tensor) -> Tensor:
         """(M, 3, S, S) and (M, 7, S / 2, S / 2) where the keypoints seem to be -> logits (M, 7, S / 2, S / 2)."""
-        stride2 = self.enter(torch.cat([self.stem(crop), hints], 1))
+        seen = crop - crop.mean([1, 2, 3], keepdim=True)
+        seen = seen / (seen.square().mean([1, 2, 3], keepdim=True) + self.contrast_floor**2).sqrt()
+        stride2 = self.enter(torch.cat([self.stem(seen), hints], 1))
         stride4 = self.down4(stride2)
         stride8 = self.down8(stride4)
         stride4 = self.up4(stride4 + self.enlarge(stride8))
