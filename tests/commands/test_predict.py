@@ -277,6 +277,7 @@ def test_a_stream_that_does_not_come_back_leaves_whole_files(predict, tmp_path, 
         (["--save", "film"], "save"),
         (["--track", "--tracking.lost-s", "0"], "tracking.lost_s: got 0"),
         (["--checkpoint", "no.ckpt"], "no.ckpt: no such checkpoint file"),
+        (["--model", "no.onnx"], "checkpoint and model: got both"),
         (["--camera", "no.yaml"], "no.yaml"),
     ],
 )
