@@ -1,0 +1,92 @@
+"""The benchmarks about ranging run from a checkpoint to their pages, with a model that knows the labels."""
+
+import dataclasses
+import importlib.util
+import math
+import sys
+from types import ModuleType
+
+import numpy as np
+import pytest
+import torch
+
+from usvnet.checkpoints import load_model
+from usvnet.data.dataset import BoatDataset
+from usvnet.evaluation.evaluator import frame_truths
+from usvnet.evaluation.range_metrics import RangedBoat, range_errors
+from usvnet.geometry.ranging import RangingLayer
+
+from .boats import boat
+from .conftest import Oracle
+
+
+def benchmark(root, name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, root / "benchmarks" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def evidence(root):
+    return benchmark(root, "ranging_evidence")
+
+
+@pytest.fixture
+def many(dataset):
+    """The dataset's pictures ten times over."""
+    frames = [dataclasses.replace(dataset.frames[n % 4], name=f"test/{n:02d}.png") for n in range(40)]
+    return BoatDataset(frames, dataset.size_px[0])
+
+
+def test_a_checkpoint_becomes_a_page(evidence, many, untrained, tmp_path, monkeypatch):
+    both_splits = BoatDataset(2 * many.frames, many.size_px[0])
+    monkeypatch.setattr(evidence, "load_model", lambda path: Oracle(both_splits))
+    monkeypatch.setattr(evidence, "read_dataset", lambda root, split: many.frames)
+    evidence.main(untrained, tmp_path, tmp_path, image_size=128, attitude_std_deg=0.05, wave_std_m=0.01, draws=2)
+    page = (tmp_path / "ranging.md").read_text()
+    assert page.count("## Slant range by distance, metres") == page.count("## Intervals by distance, metres") == 2
+    assert (
+        "| **all** | **waterline** | **40** | **0** | **0.000** |" in page
+    )  # the laser of the fixture is the waterline
+    assert "| **all** | **waterline** | **80** | **0** | **0." in page  # disturbed, two draws
+    assert "Boats made wrong, share refused at 1 % false alarms" in page
+
+
+def test_disturbing_widens_and_scatters_and_sigmas_are_those_that_are_told(evidence, many):
+    truths = [frame_truths(frame)[0] for frame in many.frames]
+    ranged = [RangedBoat(n, truth, boat(truth)) for n, truth in enumerate(truths)]
+    frames = [evidence.with_sigmas(frame, 0.05, 0.02) for frame in many.frames]
+    camera = frames[0].camera
+    assert math.degrees(float(camera.pitch_std_rad)) == pytest.approx(0.05)
+    assert math.degrees(float(camera.roll_std_rad)) == pytest.approx(0.05)
+    assert float(camera.wave_std_m) == pytest.approx(0.02)
+    told = evidence.with_sigmas(frames[0], None, None, 0.3).camera
+    assert math.degrees(float(told.pitch_std_rad)) == pytest.approx(math.hypot(0.3, 0.05), rel=1e-5)
+
+    still = evidence.disturbed(ranged, frames, 0.0, 0.0, 1, RangingLayer())
+    moved = evidence.disturbed(ranged, frames, 0.0, 0.3, 3, RangingLayer())
+    assert len(moved) == 3 * len(still)
+    assert range_errors(still, "waterline").rmse_m < 1e-3
+    quiet, loud = (range_errors(boats, "waterline") for boats in (still, moved))
+    assert loud.width_90_m > 1.3 * quiet.width_90_m
+    assert 0.8 < loud.coverage_90 <= 1.0
+    assert np.ptp([item.boat.ranges["waterline"].slant_m for item in moved[::40]]) > 0.1  # one boat, three draws
+
+
+def test_learning_from_lasers_moves_the_network_and_writes_its_curve(root, untrained, many, tmp_path, monkeypatch):
+    laser_only = benchmark(root, "laser_only")
+    model = load_model(untrained)
+    before = {name: value.clone() for name, value in model.state_dict().items()}
+    monkeypatch.setattr(laser_only, "RANGE_CONFIDENCE", 0.0)  # it has found no boat yet
+    monkeypatch.setattr(laser_only, "load_model", lambda path: model)
+    monkeypatch.setattr(laser_only, "read_dataset", lambda root, split: many.frames[:8])
+    laser_only.main(untrained, tmp_path, tmp_path, image_size=64, steps=2, every=1, batch_size=2, keypoint_share=0.1)
+    rows = [line for line in (tmp_path / "laser_only.md").read_text().splitlines() if line.startswith("| ")]
+    assert [row.split(" | ")[0] for row in rows[2:]] == ["| 0", "| 1", "| 2"]
+    assert (tmp_path / "laser_only.png").stat().st_size > 1000
+    after = model.state_dict()
+    changed = {name for name, value in before.items() if not torch.equal(value, after[name])}
+    assert {name.split(".")[1] for name in changed} == {"heatmap_head"}
+    assert not any("running_" in name for name in changed)
