@@ -6,7 +6,7 @@ import math
 import pytest
 import torch
 
-from usvnet.checkpoints import load_model, sha256, write_calibration
+from usvnet.checkpoints import load_model, pack_checkpoint, sha256, write_calibration
 from usvnet.intervals import ESTIMATORS, UNCALIBRATED, IntervalFactors
 from usvnet.model import USVNet
 
@@ -128,3 +128,22 @@ def test_wrong_interval_factors_are_refused(checkpoint, factors, message, tmp_pa
     checkpoint["usvnet"]["intervals"] = factors
     with pytest.raises(ValueError, match=message):
         load_model(save(checkpoint, tmp_path))
+
+
+def test_packed_it_is_half_as_large_and_predicts_the_same_to_float16(model, checkpoint, tmp_path):
+    checkpoint["usvnet"]["intervals"] = {"fused": [1.5, 1.25, 40]}
+    whole, packed = save({**checkpoint, "optimizer_states": [torch.ones(1000)]}, tmp_path), tmp_path / "small.pt"
+    pack_checkpoint(whole, packed)
+    assert packed.stat().st_size < 0.6 * whole.stat().st_size
+    loaded = load_model(packed)
+    assert loaded.intervals.factors() == load_model(whole).intervals.factors()
+    for name, value in model.state_dict().items():
+        assert loaded.state_dict()[name].dtype == value.dtype
+        torch.testing.assert_close(loaded.state_dict()[name], value, rtol=2**-10, atol=2**-24)
+
+
+def test_a_weight_that_float16_cannot_hold_is_refused(checkpoint, tmp_path):
+    checkpoint["state_dict"]["model.network.backbone.stem.conv.weight"] += 1e6
+    with pytest.raises(ValueError, match=r"backbone\.stem\.conv\.weight is too large for float16"):
+        pack_checkpoint(save(checkpoint, tmp_path), tmp_path / "small.pt")
+    assert not (tmp_path / "small.pt").exists()

@@ -115,6 +115,31 @@ def write_calibration(path: Path | str, keypoint_share: float, factors: Mapping[
         torch.save(checkpoint, temporary)
 
 
+def pack_checkpoint(path: Path | str, output: Path | str) -> None:
+    """Write what prediction needs of a checkpoint, small enough to pass on: weights in float16, no optimiser.
+
+    Statistics of the norms stay in float32: variances leave float16's range easily, and they are few.
+
+    Args:
+        path: a checkpoint written by train.py.
+        output: file to write; :func:`load_model` reads it as it reads the checkpoint.
+
+    Raises:
+        FileNotFoundError: no such checkpoint.
+        ValueError: the file is not a checkpoint of usvnet, or a weight has no place in float16.
+    """
+    checkpoint = read_checkpoint(path)
+    weights = {name: value for name, value in checkpoint["state_dict"].items() if str(name).startswith(MODEL_PREFIX)}
+    packed = {
+        name: value if "running_" in name or not value.is_floating_point() else value.half()
+        for name, value in weights.items()
+    }
+    if lost := [name for name, value in packed.items() if not value.isfinite().all()]:
+        raise ValueError(f"{path}: the weight {lost[0]} is too large for float16")
+    with atomic_write(output) as temporary:
+        torch.save({STAMP: checkpoint[STAMP], "state_dict": packed}, temporary)
+
+
 def sha256(path: Path | str) -> str:
     """Hexadecimal SHA-256 of a file."""
     with Path(path).open("rb") as file:
