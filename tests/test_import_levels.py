@@ -42,12 +42,12 @@ ONLY_IN = {
     "pytorch_lightning": [],
     "torchvision": [],
     "ultralytics": [],
-    "jsonargparse": ["usvnet/cli.py", "usvnet/training_cli.py", "evaluate.py"],
+    "jsonargparse": ["usvnet/cli.py", "usvnet/training_cli.py", "evaluate.py", "scripts/*"],
     "scipy": ["usvnet/tracking/*", "integrations/ros2/usvnet_ros/*"],
     "rclpy": ["integrations/ros2/usvnet_ros/node.py"],
     "jinja2": ["usvnet/evaluation/html/page.py"],
     "pycocotools": ["usvnet/evaluation/*", "usvnet/data/*"],
-    "matplotlib": ["usvnet/evaluation/*", "usvnet/data/*", "usvnet/commands/*", "usvnet/sweep/figure.py"],
+    "matplotlib": ["usvnet/evaluation/*", "usvnet/data/*", "usvnet/commands/*", "usvnet/sweep/figure.py", "scripts/*"],
     **{name: [] for name in ("onnx", "onnxruntime", "openvino")},  # asked for by name, in usvnet/deploy/runtimes.py
     "ray": ["usvnet/sweep/ray_tune.py"],
     "cv2": [
