@@ -8,7 +8,7 @@ from usvnet.simulator.settings import load_settings
 from usvnet.simulator.typed_yaml import Range
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs" / "simulator"
-DATASETS = ("paper", "diverse", "shift", "mine")
+DATASETS = ("paper", "diverse", "far", "shift", "mine")
 SMALL = """
 seed: 5
 frames: {train: 6, val: 3, test: 1}
