@@ -65,7 +65,7 @@ def test_slopes_are_those_of_the_real_geometry(name):
     for estimator, slope in slopes(cases, name, ranging).items():
         expected = (ahead[estimator] - behind[estimator]) / (2 * step)
         told = (slope * way).reshape(cases.count, -1).sum(1)
-        rtol = 1e-3 if estimator in ("hull", "fused") else 1e-5  # a fit of a loosely known hull ends short of its optimum
+        rtol = 1e-3 if estimator in ("hull", "fused") else 1e-5  # a loosely known hull is fitted short of its optimum
         torch.testing.assert_close(told, expected, rtol=rtol, atol=1e-5)
 
 
