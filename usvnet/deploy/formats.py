@@ -64,7 +64,9 @@ def write_torch_export(deployed: DeployedUSVNet, path: Path, image_size: int) ->
         program = torch.export.export(
             PositionalUSVNet(deployed), example_inputs(stride_px), dynamic_shapes=shapes, strict=False
         )
-    torch.export.save(program, path)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="No complete tensor found")  # of views that share their memory
+        torch.export.save(program, path)
 
 
 def write_onnx(deployed: DeployedUSVNet, path: Path, image_size: int) -> None:
