@@ -10,7 +10,6 @@ python benchmarks/laser_only.py --checkpoint best.ckpt --root sixscenes-v0 --out
     --attitude_std_deg 0.05 --wave_std_m 0.014
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 import torch
 from jsonargparse import auto_cli
 from matplotlib.figure import Figure
+from ranging_evidence import with_sigmas
 from rich.console import Console
 from rich.progress import track
 from torch import Tensor
@@ -28,7 +28,6 @@ from torch.utils.data import DataLoader
 from usvnet.checkpoints import load_model
 from usvnet.data import read_dataset
 from usvnet.data.dataset import BoatDataset, collate
-from usvnet.data.records import Frame
 from usvnet.evaluation.records import RANGE_CONFIDENCE
 from usvnet.evaluation.tables import Cell, Column, Table
 from usvnet.files import atomic_write
@@ -125,17 +124,6 @@ def main(
             curve.append([step, *measure(model, learnt)[:1], *measure(model, held_out)])
             write(curve, output, estimator, len(learnt.found), len(held_out.found))
     print((output / "laser_only.md").read_text(encoding="utf-8"))
-
-
-def with_sigmas(frame: Frame, attitude_std_deg: float | None, wave_std_m: float | None) -> Frame:
-    """The frame with other standard deviations of its camera."""
-    camera, one = frame.camera, torch.ones_like(frame.camera.pitch_rad)
-    if attitude_std_deg is not None:
-        std_rad = math.radians(attitude_std_deg) * one
-        camera = camera._replace(pitch_std_rad=std_rad, roll_std_rad=std_rad)
-    if wave_std_m is not None:
-        camera = camera._replace(wave_std_m=wave_std_m * one)
-    return dataclasses.replace(frame, camera=camera)
 
 
 def see(model: USVNet, dataset: BoatDataset) -> Seen:

@@ -76,6 +76,7 @@ def test_disturbing_widens_and_scatters_and_sigmas_are_those_that_are_told(evide
 
 
 def test_learning_from_lasers_moves_the_network_and_writes_its_curve(root, untrained, many, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(root / "benchmarks")  # as where a script is run
     laser_only = benchmark(root, "laser_only")
     model = load_model(untrained)
     before = {name: value.clone() for name, value in model.state_dict().items()}

@@ -57,16 +57,16 @@ def test_a_boat_beside_the_picture_is_refused():
 @pytest.mark.parametrize("name", DISTURBANCES)
 def test_slopes_are_those_of_the_real_geometry(name):
     torch.manual_seed(0)
-    cases = scenario_cases(camera(), generic_hull(), [8.0, 20.0], [20.0, 130.0], 5.0)
+    hull = generic_hull()
+    hull = hull._replace(point_std_m=0.3 * hull.point_std_m)  # the fit of one less well known ends short of its optimum
+    cases = scenario_cases(camera(), hull, [8.0, 20.0], [20.0, 130.0], 5.0)
     ranging = RangingLayer()
     way = torch.randn(amount_shape(name, cases.count), dtype=torch.float64)
     step = 1e-5
     ahead, behind = (slants_m(disturb(cases, name, sign * step * way), ranging) for sign in (1, -1))
     for estimator, slope in slopes(cases, name, ranging).items():
         expected = (ahead[estimator] - behind[estimator]) / (2 * step)
-        told = (slope * way).reshape(cases.count, -1).sum(1)
-        rtol = 1e-3 if estimator in ("hull", "fused") else 1e-5  # a loosely known hull is fitted short of its optimum
-        torch.testing.assert_close(told, expected, rtol=rtol, atol=1e-5)
+        torch.testing.assert_close((slope * way).reshape(cases.count, -1).sum(1), expected, rtol=1e-5, atol=1e-5)
 
 
 def test_the_budget_of_the_waterline_adds_up_to_the_error_bar_of_the_geometry():
