@@ -3,6 +3,7 @@
 import contextlib
 import os
 import shutil
+import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -89,13 +90,50 @@ def alone_in(folder: Path | str) -> Iterator[None]:
 
 
 def run_program(main: Callable[[], object]) -> None:
-    """Run ``main`` and turn bad input into one line on stderr and exit code 2; Ctrl-C into exit code 130."""
+    """Run ``main`` and turn bad input into one line on stderr and exit code 2.
+
+    Ctrl-C becomes exit code 130. SIGTERM, which would end Python where it stands and leave half-written files, does the
+    same as Ctrl-C, with exit code 143.
+    """
     try:
-        main()
+        with terminated_like_interrupted():
+            main()
     except (ValueError, OSError) as error:
         sentence = " ".join(str(error).split())
         print(f"error: {sentence}", file=sys.stderr)
         sys.exit(2)
+    except Terminated:
+        print("terminated", file=sys.stderr)
+        sys.exit(128 + signal.SIGTERM)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        sys.exit(130)
+        sys.exit(128 + signal.SIGINT)
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, wherever it came: everything that cleans up after Ctrl-C cleans up after it."""
+
+
+@contextlib.contextmanager
+def terminated_like_interrupted() -> Iterator[None]:
+    """Raise :class:`Terminated` on SIGTERM, once: a second one does not disturb the cleaning up.
+
+    What was raised may have become another KeyboardInterrupt on the way; it leaves as Terminated.
+    """
+    caught = False
+
+    def terminate(number: int, _: object) -> None:
+        nonlocal caught
+        caught = True
+        signal.signal(number, signal.SIG_IGN)
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    except KeyboardInterrupt:
+        if caught:
+            raise Terminated from None
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -14,6 +14,7 @@ from usvnet import cli
 from usvnet.commands import predict as command
 from usvnet.deploy import predictor as predictor_room
 from usvnet.deploy.streams import LiveStream
+from usvnet.files import Terminated
 from usvnet.geometry.camera import make_camera
 from usvnet.geometry.camera_files import save_camera
 
@@ -205,17 +206,19 @@ def test_pictures_of_a_known_pace_are_followed(predict, folder, video):
         predict(video, "--fps", "4")
 
 
-def test_ctrl_c_leaves_whole_files(predict, video, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("number", "end"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, Terminated)])
+def test_a_signal_leaves_whole_files(predict, video, tmp_path, monkeypatch, number, end):
     count = command.Tally.count
 
     def interrupted(tally, *arguments):
         count(tally, *arguments)
         if tally.frames == 3:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), number)
 
     monkeypatch.setattr(command.Tally, "count", interrupted)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt) as ended:
         predict(video)
+    assert ended.type is end
     out = tmp_path / "out"
     assert names(out) == ["predictions.csv", "predictions.jsonl", "video.mp4"]
     assert len(results(out)[1]) == 3

@@ -1,5 +1,6 @@
 """``usvnet predict``: boats and their ranges in pictures, videos, webcams and streams."""
 
+import signal
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,6 +23,7 @@ from usvnet.deploy.streams import LiveStream, open_source
 from usvnet.deploy.track_files import mot_text, track_table
 from usvnet.deploy.tracking import BoatFollower
 from usvnet.evaluation.records import RANGE_CONFIDENCE
+from usvnet.files import Terminated
 from usvnet.tracking.tracker import TrackingConfig
 from usvnet.visualize.scene import SceneDrawer
 
@@ -150,7 +152,7 @@ def predict(
     if outputs.written:
         print(f"wrote {', '.join(str(path) for path in outputs.written)}")
     if signals:
-        raise KeyboardInterrupt
+        raise Terminated if signal.SIGTERM in signals else KeyboardInterrupt
     if isinstance(frames, LiveStream) and frames.given_up:
         raise ConnectionError(f"{frames.name}: broke off and did not come back")
     if not tally.frames:
