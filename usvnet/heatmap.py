@@ -8,6 +8,8 @@ true position (:mod:`usvnet.losses`). Where the network is unsure, the best such
 its own doubt, so the spread beyond ``sigma_cells`` is the keypoint's covariance.
 """
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -21,6 +23,17 @@ SIGMA_CELLS = 1.0
 """Spread of the Gaussian that the heatmaps are trained towards."""
 COVARIANCE_FLOOR_PX2 = 0.01
 """No keypoint is claimed to be better than a tenth of a pixel: the moments are not known better than that."""
+
+
+class Moments(NamedTuple):
+    """What the softmax in the window around each of (B, N, K) coarse keypoints says, in cells."""
+
+    mean: Tensor
+    """(B, N, K, 2)"""
+    spread: Tensor
+    """(B, N, K, 2, 2) covariance of the softmax itself, the Gaussian of the training included."""
+    readable: Tensor
+    """(B, N, K, 1) bool, False where the coarse keypoint lies outside the map and neither means a thing."""
 
 
 def cell_to_px(cell: Tensor, stride: int) -> Tensor:
@@ -110,22 +123,33 @@ def decode(
         (B, N, K, 2) keypoints in input pixels and (B, N, K, 2, 2) their covariance. Where a coarse keypoint lies
         outside the map there is nothing to read: it is returned as it is, with the window's width as its sigma.
     """
-    mean, spread, readable = window_moments(logits, coarse_px, stride, radius, sigma_cells)
-    identity = torch.eye(2, device=logits.device, dtype=mean.dtype)
-    doubt = clamp_eigenvalues(spread - sigma_cells**2 * identity, floor_px2 / stride**2)
-    covariance = torch.where(readable[..., None], doubt, float(radius) ** 2 * identity) * stride**2
-    return torch.where(readable, cell_to_px(mean, stride), coarse_px), covariance
+    moments = window_moments(logits, coarse_px, stride, radius, sigma_cells)
+    return keypoints_from_moments(moments, coarse_px, stride, radius, sigma_cells, floor_px2)
+
+
+def keypoints_from_moments(
+    moments: Moments,
+    coarse_px: Tensor,
+    stride: int = HEATMAP_STRIDE,
+    radius: int = WINDOW_RADIUS,
+    sigma_cells: float = SIGMA_CELLS,
+    floor_px2: float = COVARIANCE_FLOOR_PX2,
+) -> tuple[Tensor, Tensor]:
+    """The second half of :func:`decode`: what the moments of the windows say in pixels; arguments and answer as there."""
+    identity = torch.eye(2, device=coarse_px.device, dtype=moments.mean.dtype)
+    doubt = clamp_eigenvalues(moments.spread - sigma_cells**2 * identity, floor_px2 / stride**2)
+    covariance = torch.where(moments.readable[..., None], doubt, float(radius) ** 2 * identity) * stride**2
+    return torch.where(moments.readable, cell_to_px(moments.mean, stride), coarse_px), covariance
 
 
 def window_moments(
-    logits: Tensor, coarse_px: Tensor, stride: int, radius: int, sigma_cells: float
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Mean and spread of the softmax in the window around a coarse keypoint; arguments as in :func:`decode`.
-
-    Returns:
-        (B, N, K, 2) mean in cells, (B, N, K, 2, 2) covariance of the softmax itself in cells^2, ``sigma_cells``
-        included, and (B, N, K, 1) bool, False where the coarse keypoint lies outside the map and neither means a thing.
-    """
+    logits: Tensor,
+    coarse_px: Tensor,
+    stride: int = HEATMAP_STRIDE,
+    radius: int = WINDOW_RADIUS,
+    sigma_cells: float = SIGMA_CELLS,
+) -> Moments:
+    """The first half of :func:`decode`, arguments as there."""
     logits = logits.to(torch.promote_types(logits.dtype, torch.float32))
     h, w = logits.shape[2], logits.shape[3]
     coarse = px_to_cell(coarse_px, stride)
@@ -142,7 +166,7 @@ def window_moments(
     du, dv = torch.unbind(cells - mean[..., None, :], -1)
     uu, uv, vv = (probability * du * du).sum(-1), (probability * du * dv).sum(-1), (probability * dv * dv).sum(-1)
     covariance = torch.stack([torch.stack([uu, uv], -1), torch.stack([uv, vv], -1)], -2)
-    return mean, covariance, readable
+    return Moments(mean, covariance, readable)
 
 
 def find_peak(logits: Tensor, near_cell: Tensor, radius: int, search_factor: int = SEARCH_FACTOR) -> Tensor:

@@ -14,7 +14,8 @@ from usvnet.config import LossWeights, OptimiserConfig
 from usvnet.crops import jitter_boxes
 from usvnet.evaluation.records import BoatRecord, TruthRecord, to_records, to_truths
 from usvnet.evaluation.scores import Scores, score
-from usvnet.losses import Assignment, Criterion, RangeCurriculum, assign, keypoint_error
+from usvnet.heatmap import keypoints_from_moments, window_moments
+from usvnet.losses import Criterion, RangeCurriculum, assign, best_keypoints, keypoint_error
 from usvnet.model import USVNet
 from usvnet.optimiser import WarmupSchedule, build_optimiser, resolve_auto, warmup_steps
 from usvnet.types import (
@@ -103,16 +104,22 @@ class USVModule(LightningModule):
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """Return the total loss of a batch."""
         losses = self.losses(batch)
-        ranged = (batch.boats.present & (batch.boats.range_m > 0)).sum()
         size = len(batch.image)
         self.log("loss", losses["total"].detach(), prog_bar=True, logger=False, batch_size=size)
+        every = self.trainer.log_every_n_steps
+        if every > 0 and (self.global_step + 1) % every == 0:  # the logger drops the others, which cost time
+            self.log_dict(self._scalars(losses, batch), batch_size=size)
+        return losses["total"]
+
+    def _scalars(self, losses: dict[str, Tensor], batch: Batch) -> dict[str, Tensor]:
+        """What TensorBoard shows of a training step."""
+        ranged = (batch.boats.present & (batch.boats.range_m > 0)).sum()
         scalars = {name: loss.detach() for name, loss in losses.items()} | {
             "ranged_boats": ranged.float(),
             "keypoint_error": self.curriculum.error,
             "range_scale": self.range_scale(),
         }
-        self.log_dict({f"train/{name}": value for name, value in scalars.items()}, batch_size=size)
-        return losses["total"]
+        return {f"train/{name}": value for name, value in scalars.items()}
 
     def losses(self, batch: Batch) -> dict[str, Tensor]:
         """All losses of a batch by name, and their weighted sum ``total`` (see :class:`usvnet.losses.Criterion`)."""
@@ -120,7 +127,9 @@ class USVModule(LightningModule):
         with torch.autocast(batch.image.device.type, enabled=False):
             output = NetworkOutput(*[tensor.float() for tensor in output])
             assignment = assign(output, batch.boats)
-            keypoints_px, covariance_px2 = self.located(output, assignment)
+            coarse_px = best_keypoints(output, assignment)
+            moments = window_moments(output.heatmap_logits, coarse_px)
+            keypoints_px, covariance_px2 = keypoints_from_moments(moments, coarse_px)
             refinement = None
             if self.model.refiner is not None and batch.native is not None:
                 # crops about the labels: a detector that has learnt little yet would show the refiner bare water
@@ -132,7 +141,9 @@ class USVModule(LightningModule):
             slant_m, valid = self.ranges(keypoints_px, covariance_px2, batch.boats, batch.camera)
             if self.training:
                 self.curriculum.update(self._mean_over_processes(keypoint_error(keypoints_px, batch.boats)))
-            return self.criterion(output, batch.boats, assignment, slant_m, valid, self.range_scale(), refinement)
+            return self.criterion(
+                output, batch.boats, assignment, moments, slant_m, valid, self.range_scale(), refinement
+            )
 
     def range_scale(self) -> Tensor:
         """How far laser ranges teach at present, 0 to 1."""
@@ -145,16 +156,6 @@ class USVModule(LightningModule):
         total = torch.stack([error.nan_to_num(), (~error.isnan()).float()])
         torch.distributed.all_reduce(total)
         return total[0] / total[1]
-
-    def located(self, output: NetworkOutput, assignment: Assignment) -> tuple[Tensor, Tensor]:
-        """The detector's keypoints of each labelled boat, read from the boat's best anchor on.
-
-        Returns:
-            (B, N, 7, 2) keypoints and (B, N, 7, 2, 2) their covariance.
-        """
-        picture = torch.arange(len(assignment.best_anchor), device=assignment.best_anchor.device).unsqueeze(1)
-        coarse_px = output.keypoints_px[picture, assignment.best_anchor]
-        return self.model.locate(output.heatmap_logits, coarse_px)
 
     def ranges(
         self, keypoints_px: Tensor, covariance_px2: Tensor, boats: Boats, camera: Camera

@@ -22,7 +22,7 @@ def labels_at(keypoints_px: Tensor) -> Boats:
 
 def loss(logits: Tensor, boats: Boats, coarse_px: Tensor | None = None) -> Tensor:
     coarse_px = boats.keypoints_px if coarse_px is None else coarse_px
-    return covariance_loss(logits, coarse_px, boats, heatmap.SIGMA_CELLS, heatmap.WINDOW_RADIUS, 0.01)
+    return covariance_loss(heatmap.window_moments(logits, coarse_px), boats, heatmap.SIGMA_CELLS, 0.01)
 
 
 def test_gaussian_errors_ask_for_their_own_covariance():

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from usvnet import heatmap
 from usvnet.config import LossWeights
-from usvnet.losses import Criterion, assign
+from usvnet.losses import Assignment, Criterion, assign, best_keypoints
 from usvnet.types import Boats, NetworkOutput
 
 from .scene import guess, label, mirror, perfect
@@ -22,7 +22,12 @@ def losses(
 ) -> dict[str, Tensor]:
     criterion = Criterion(weights or LossWeights()).eval()
     valid = torch.ones_like(boats.present)
-    return criterion(output, boats, assign(output, boats), slant_m, valid, range_scale)
+    return criterion(output, boats, *read(output, boats), slant_m, valid, range_scale)
+
+
+def read(output: NetworkOutput, boats: Boats) -> tuple[Assignment, heatmap.Moments]:
+    assignment = assign(output, boats)
+    return assignment, heatmap.window_moments(output.heatmap_logits, best_keypoints(output, assignment).float())
 
 
 def learned(output: NetworkOutput) -> dict[str, Tensor]:
@@ -117,7 +122,7 @@ def test_windows_move_in_training_only():
     torch.manual_seed(0)
     output, boats = guess(2), label(BOXES)
     criterion = Criterion(LossWeights())
-    given = (output, boats, assign(output, boats), torch.ones(2, 2), torch.ones(2, 2, dtype=torch.bool))
+    given = (output, boats, *read(output, boats), torch.ones(2, 2), torch.ones(2, 2, dtype=torch.bool))
     criterion.eval()
     assert criterion(*given)["heatmap"] == criterion(*given)["heatmap"]
     criterion.train()
@@ -157,8 +162,8 @@ def test_a_false_peak_at_the_other_end_of_the_boat_is_taught_away():
     logits[0, 0, false[1], false[0]] = 0.0
     logits.requires_grad_()
     criterion = Criterion(LossWeights(**{**NOTHING, "heatmap": 1.0})).eval()
-    assignment = assign(output, boats)
+    output = output._replace(heatmap_logits=logits)
     valid = torch.ones_like(boats.present)
-    criterion(output._replace(heatmap_logits=logits), boats, assignment, boats.range_m, valid)["total"].backward()
+    criterion(output, boats, *read(output, boats), boats.range_m, valid)["total"].backward()
     assert logits.grad is not None
     assert logits.grad[0, 0, false[1], false[0]] > 0.1 * logits.grad.abs().max()

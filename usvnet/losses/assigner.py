@@ -77,6 +77,12 @@ def assign(output: NetworkOutput, boats: Boats, topk: int = 10, alpha: float = 0
     return Assignment(foreground, owner, target_score, best_anchor)
 
 
+def best_keypoints(output: NetworkOutput, assignment: Assignment) -> Tensor:
+    """(B, N, 7, 2) coarse keypoints of each boat's best anchor, about which its heatmaps are read."""
+    picture = torch.arange(len(assignment.best_anchor), device=assignment.best_anchor.device).unsqueeze(1)
+    return output.keypoints_px[picture, assignment.best_anchor]
+
+
 def _candidates(output: NetworkOutput, boats: Boats) -> Tensor:
     """(B, N, A) bool: the anchors that may answer for each boat that is present."""
     boxes = boats.boxes_px.float()

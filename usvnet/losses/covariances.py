@@ -39,11 +39,9 @@ def robust_nll(error: Tensor, covariance: Tensor) -> Tensor:
 
 
 def covariance_loss(
-    logits: Tensor,
-    coarse_px: Tensor,
+    moments: heatmap.Moments,
     boats: Boats,
     sigma_cells: float,
-    radius: int,
     floor_px2: float,
     stride: int = heatmap.HEATMAP_STRIDE,
 ) -> Tensor:
@@ -55,11 +53,9 @@ def covariance_loss(
     variance to its floor, the slope passes through to the raw one, or a heatmap too sharp could never learn better.
 
     Args:
-        logits: (B, K, h, w)
-        coarse_px: (B, N, K, 2) where each boat's heatmaps are read, as in use.
+        moments: of the heatmaps of the N labelled boats, read as in use (:func:`usvnet.heatmap.window_moments`).
         boats: the N labelled boats; hidden keypoints count, those of visibility 0 do not.
         sigma_cells: standard deviation of the heatmap's target.
-        radius: of the window, as in decoding.
         floor_px2: least variance, as in decoding.
         stride: pixels per cell.
 
@@ -68,11 +64,11 @@ def covariance_loss(
         nats: 0 for exact keypoints with the floor as their covariance, and where there is no keypoint.
     """
     floor = floor_px2 / stride**2
-    mean, spread, readable = heatmap.window_moments(logits, coarse_px, stride, radius, sigma_cells)
+    mean, spread, readable = moments
     counts = (boats.visibility > 0) & boats.present.unsqueeze(-1) & readable.squeeze(-1)
-    raw = spread - sigma_cells**2 * torch.eye(2, device=logits.device, dtype=logits.dtype)
+    raw = spread - sigma_cells**2 * torch.eye(2, device=spread.device, dtype=spread.dtype)
     covariance = raw + (heatmap.clamp_eigenvalues(raw, floor) - raw).detach()
-    labels = heatmap.px_to_cell(boats.keypoints_px.to(logits.dtype), stride)
+    labels = heatmap.px_to_cell(boats.keypoints_px.to(mean.dtype), stride)
     error = torch.where(counts.unsqueeze(-1), mean.detach() - labels, 0.0)
     weight = (torch.linalg.eigvalsh(covariance.detach())[..., 0] / sigma_cells**2).clamp(max=1.0)
     excess = robust_nll(error, covariance) - torch.tensor(floor).log()

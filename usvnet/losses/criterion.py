@@ -57,6 +57,7 @@ class Criterion(nn.Module):
         output: NetworkOutput,
         boats: Boats,
         assignment: Assignment,
+        moments: heatmap.Moments,
         slant_m: Tensor,
         slant_valid: Tensor,
         range_scale: Tensor | float = 1.0,
@@ -70,6 +71,7 @@ class Criterion(nn.Module):
             output: the network's answer with one class.
             boats: the labelled boats.
             assignment: of this output to these boats, see :func:`usvnet.losses.assigner.assign`.
+            moments: of the heatmaps about the keypoints of each boat's best anchor, as they are read in use.
             slant_m: (B, N) predicted slant range of the point that each boat's range label belongs to.
             slant_valid: (B, N) bool, whether that range exists.
             range_scale: further factor on the weights of the range and of the covariance, for a curriculum.
@@ -88,8 +90,6 @@ class Criterion(nn.Module):
         visibility = boats.visibility[picture, boat]
         distances = side_distances(boxes_px, output.anchors_px[anchor].float(), output.strides_px[anchor].float())
         jitter_cells = HEATMAP_JITTER_CELLS if self.training else 0
-        every_picture = torch.arange(len(boats.present), device=boats.present.device).unsqueeze(1)
-        coarse_px = output.keypoints_px[every_picture, assignment.best_anchor].float()
 
         losses = {
             "box": box_loss(output.boxes_px[picture, anchor].float(), boxes_px, weight),
@@ -111,14 +111,7 @@ class Criterion(nn.Module):
                 jitter_cells,
             ),
             "range": range_loss(slant_m.float(), slant_valid, boats)[0],
-            "covariance": covariance_loss(
-                output.heatmap_logits.float(),
-                coarse_px,
-                boats,
-                self.heatmap_sigma_cells,
-                self.heatmap_radius,
-                heatmap.COVARIANCE_FLOOR_PX2,
-            ),
+            "covariance": covariance_loss(moments, boats, self.heatmap_sigma_cells, heatmap.COVARIANCE_FLOOR_PX2),
         }
         if refinement is not None:
             losses |= self.refined(refinement, boats, jitter_cells)
@@ -131,18 +124,19 @@ class Criterion(nn.Module):
     def refined(self, refinement: Refinement, boats: Boats, jitter_cells: int) -> dict[str, Tensor]:
         """The losses of the refined heatmaps."""
         logits, labels = refinement.heatmap_logits, boats_in_crops(refinement, boats)
-        reach, hints_px = heatmap.SEARCH_FACTOR * self.heatmap_radius, refinement.hints_px.detach().unsqueeze(1)
+        reach = heatmap.SEARCH_FACTOR * self.heatmap_radius
+        moments = heatmap.window_moments(
+            logits,
+            refinement.hints_px.detach().unsqueeze(1),
+            REFINED_STRIDE,
+            self.heatmap_radius,
+            self.heatmap_sigma_cells,
+        )
         return {
             "refined_heatmap": heatmap_loss(
                 logits, labels, self.heatmap_sigma_cells, reach, jitter_cells, REFINED_STRIDE
             ),
             "refined_covariance": covariance_loss(
-                logits,
-                hints_px,
-                labels,
-                self.heatmap_sigma_cells,
-                self.heatmap_radius,
-                heatmap.COVARIANCE_FLOOR_PX2,
-                REFINED_STRIDE,
+                moments, labels, self.heatmap_sigma_cells, heatmap.COVARIANCE_FLOOR_PX2, REFINED_STRIDE
             ),
         }

@@ -83,11 +83,14 @@ def heatmap_loss(
     if jitter_cells > 0:
         centre_cell = centre_cell + torch.randint_like(centre_cell, -jitter_cells, jitter_cells + 1)
 
-    window_logits, cells = heatmap.gather_windows(logits, centre_cell, radius)
-    inside = ((cells >= 0) & (cells < cells.new_tensor([logits.shape[-1], logits.shape[-2]]))).all(-1)
-    target_logits = heatmap.gaussian_logits(cells, exact_cell.unsqueeze(-2), sigma_cells)
-    target = target_logits.masked_fill(~inside, -torch.inf).softmax(dim=-1)
-    target = target.nan_to_num()  # a window wholly outside the map asks for nothing
-    log_probability = torch.where(inside, window_logits.log_softmax(dim=-1), 0.0)
-    divergence = (torch.xlogy(target, target) - target * log_probability).sum(-1)
+    window_logits, _ = heatmap.gather_windows(logits, centre_cell, radius)
+    side = torch.arange(-radius, radius + 1, device=logits.device)
+    cells = centre_cell.unsqueeze(-1) + side  # (B, N, K, 2, S) columns and rows, for the target is a product of two
+    inside = (cells >= 0) & (cells < cells.new_tensor([[logits.shape[-1]], [logits.shape[-2]]]))
+    axis_logits = -(cells - exact_cell.unsqueeze(-1)).square() / (2 * sigma_cells**2)
+    axis = axis_logits.masked_fill(~inside, -torch.inf).softmax(dim=-1).nan_to_num()  # all 0 for one outside the map
+    columns, rows = axis.unbind(-2)
+    target = (rows.unsqueeze(-1) * columns.unsqueeze(-2)).flatten(-2)
+    negative_entropy = torch.xlogy(axis, axis).sum((-1, -2)) * target.sum(-1)
+    divergence = negative_entropy - (target * window_logits.log_softmax(dim=-1)).sum(-1)
     return (divergence * labelled).sum() / labelled.sum().clamp(min=1)

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 
 class Conv(nn.Module):
@@ -19,10 +20,17 @@ class Conv(nn.Module):
         self.conv = nn.Conv2d(c_in, c_out, kernel, stride, kernel // 2, groups=groups, bias=False)
         self.norm = nn.BatchNorm2d(c_out, eps=1e-3, momentum=0.03)
         self.act = nn.SiLU() if act else nn.Identity()  # in place, the backward pass would need a copy of its input
+        self.pointwise = kernel == 1 and stride == 1 and groups == 1
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, c_in, H, W) -> (B, c_out, H / stride, W / stride)."""
+        if self.pointwise and self.training and x.device.type == "cpu":
+            return self.act(self.norm(self._matrix_product(x)))
         return self.act(self.norm(self.conv(x)))
+
+    def _matrix_product(self, x: Tensor) -> Tensor:
+        """The 1 x 1 convolution as torch computes it fastest there and back on one core: channels_last is not copied."""
+        return functional.linear(x.permute(0, 2, 3, 1), self.conv.weight.flatten(1)).permute(0, 3, 1, 2)
 
 
 class Bottleneck(nn.Module):
