@@ -51,6 +51,14 @@ def test_a_checkpoint_becomes_a_page(evidence, many, untrained, tmp_path, monkey
         "| **all** | **waterline** | **40** | **0** | **0.000** |" in page
     )  # the laser of the fixture is the waterline
     assert "| **all** | **waterline** | **80** | **0** | **0." in page  # disturbed, two draws
+    crossed = [
+        row
+        for section in page.split("## 90 % intervals cross-calibrated in 10 folds over val and test")[1:]
+        for row in section.split("## ")[0].splitlines()
+        if row.startswith("| **all** | **waterline** |")
+    ]
+    assert len(crossed) == 2
+    assert all(row.startswith("| **all** | **waterline** | **80** |") for row in crossed)  # both splits, each boat once
     assert "Boats made wrong, share refused at 1 % false alarms" in page
 
 
