@@ -135,7 +135,7 @@ def keypoints_from_moments(
     sigma_cells: float = SIGMA_CELLS,
     floor_px2: float = COVARIANCE_FLOOR_PX2,
 ) -> tuple[Tensor, Tensor]:
-    """The second half of :func:`decode`: what the moments of the windows say in pixels; arguments and answer as there."""
+    """The second half of :func:`decode`: what the windows say in pixels; arguments and answer as there."""
     identity = torch.eye(2, device=coarse_px.device, dtype=moments.mean.dtype)
     doubt = clamp_eigenvalues(moments.spread - sigma_cells**2 * identity, floor_px2 / stride**2)
     covariance = torch.where(moments.readable[..., None], doubt, float(radius) ** 2 * identity) * stride**2

@@ -106,7 +106,7 @@ class USVModule(LightningModule):
         losses = self.losses(batch)
         size = len(batch.image)
         self.log("loss", losses["total"].detach(), prog_bar=True, logger=False, batch_size=size)
-        every = self.trainer.log_every_n_steps
+        every = self.trainer.log_every_n_steps  # type: ignore[attr-defined]  # set by Lightning's logger connector
         if every > 0 and (self.global_step + 1) % every == 0:  # the logger drops the others, which cost time
             self.log_dict(self._scalars(losses, batch), batch_size=size)
         return losses["total"]

@@ -35,23 +35,27 @@ class ExportedModel:
     def __call__(self, image: Tensor, camera: Camera, hull: Hull | None = None, native: None = None) -> Prediction:
         """Find and range the boats, as :meth:`usvnet.model.USVNet.forward`; exported files take no native pictures."""
         hull = hull or hull_to(generic_hull(len(image)), self.device)
-        named = self.runtime(*plain_inputs(image, camera, hull))
-        scores = named["scores"]
-        return Prediction(
-            boxes_px=named["boxes_px"],
-            scores=scores,
-            keypoints_px=named["keypoints_px"],
-            keypoint_covariance_px2=named["keypoint_covariance_px2"],
-            visibility=named["visibility"],
-            present=(scores >= self.score_threshold) & (scores > 0),  # 0 is padding
-            box_bottom=_estimate(named, "box_bottom"),
-            waterline=_estimate(named, "waterline"),
-            hull=_estimate(named, "hull"),
-            fused=_estimate(named, "fused"),
-            heading_rad=named["heading_rad"],
-            heading_std_rad=named["heading_std_rad"],
-            misfit=named["misfit"],
-        )
+        return as_prediction(self.runtime(*plain_inputs(image, camera, hull)), self.score_threshold)
+
+
+def as_prediction(named: dict[str, Tensor], score_threshold: float) -> Prediction:
+    """The named outputs of a file as what :class:`usvnet.model.USVNet` answers; boats score at least so much."""
+    scores = named["scores"]
+    return Prediction(
+        boxes_px=named["boxes_px"],
+        scores=scores,
+        keypoints_px=named["keypoints_px"],
+        keypoint_covariance_px2=named["keypoint_covariance_px2"],
+        visibility=named["visibility"],
+        present=(scores >= score_threshold) & (scores > 0),  # 0 is padding
+        box_bottom=_estimate(named, "box_bottom"),
+        waterline=_estimate(named, "waterline"),
+        hull=_estimate(named, "hull"),
+        fused=_estimate(named, "fused"),
+        heading_rad=named["heading_rad"],
+        heading_std_rad=named["heading_std_rad"],
+        misfit=named["misfit"],
+    )
 
 
 def _estimate(named: dict[str, Tensor], estimator: str) -> RangeEstimate:

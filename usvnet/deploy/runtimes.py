@@ -22,8 +22,8 @@ class Runtime(Protocol):
         """Find and range boats: all of :data:`INPUTS` in their order -> :data:`ANSWERS` by name."""
 
 
-def needed(package: str) -> ModuleType:
-    """Import a package that only exports need.
+def needed(package: str, extra: str = "export") -> ModuleType:
+    """Import a package that only exports need; ``extra`` of usvnet installs it.
 
     Raises:
         ValueError: it is not installed.
@@ -31,7 +31,7 @@ def needed(package: str) -> ModuleType:
     try:
         return importlib.import_module(package)
     except ImportError as error:
-        raise ValueError(f"{package} is not installed: needs pip install usvnet[export]") from error
+        raise ValueError(f"{package} is not installed: needs pip install usvnet[{extra}]") from error
 
 
 class TorchScriptRuntime:
@@ -87,14 +87,18 @@ class OpenVinoRuntime:
         shapes = tuple(value.shape for value in inputs)
         if shapes not in self.compiled:
             fix_shapes(self.model, inputs)
-            settings = {
-                "INFERENCE_NUM_THREADS": torch.get_num_threads(),
-                "INFERENCE_PRECISION_HINT": "f32",  # some processors would take bfloat16, which is no pixel's match
-                "PERFORMANCE_HINT": "LATENCY",
-            }
-            self.compiled[shapes] = self.core.compile_model(self.model, "CPU", settings)
+            self.compiled[shapes] = self.core.compile_model(self.model, "CPU", openvino_settings())
         found = self.compiled[shapes](as_arrays(inputs))
         return {name: torch.from_numpy(found[n]) for n, name in enumerate(ANSWERS)}
+
+
+def openvino_settings() -> dict[str, Any]:
+    """One picture at a time in full precision, with as many threads as PyTorch has."""
+    return {
+        "INFERENCE_NUM_THREADS": torch.get_num_threads(),
+        "INFERENCE_PRECISION_HINT": "f32",  # some processors would take bfloat16, which is no pixel's match
+        "PERFORMANCE_HINT": "LATENCY",
+    }
 
 
 def as_arrays(inputs: Sequence[Tensor]) -> list[NDArray[np.float32]]:

@@ -29,8 +29,9 @@ class Conv(nn.Module):
         return self.act(self.norm(self.conv(x)))
 
     def _matrix_product(self, x: Tensor) -> Tensor:
-        """The 1 x 1 convolution as torch computes it fastest there and back on one core: channels_last is not copied."""
-        return functional.linear(x.permute(0, 2, 3, 1), self.conv.weight.flatten(1)).permute(0, 3, 1, 2)
+        """The 1 x 1 convolution as one core computes it fastest, there and back; channels_last needs no copies."""
+        weight = self.conv.weight.permute(0, 2, 3, 1).flatten(1)  # so that its gradient is channels_last, as it is
+        return functional.linear(x.permute(0, 2, 3, 1), weight).permute(0, 3, 1, 2)
 
 
 class Bottleneck(nn.Module):
