@@ -2,6 +2,7 @@
 
 import json
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -46,14 +47,21 @@ def test_the_table_and_what_was_passed_over(untrained, tmp_path, monkeypatch, ca
     monkeypatch.setattr(command, "open_runtime", lambda path: lambda *inputs: path)
     monkeypatch.setattr(command, "stage_jobs", lambda *_: dict.fromkeys((*STAGES, "ranging"), lambda: None))
     monkeypatch.setattr(command, "find_spec", lambda package: None if package == "openvino" else sys)
-    command.benchmark(checkpoint=untrained, image_size=64, rounds=1, calls=1, output=tmp_path / "table.json")
+    there = tmp_path / "int8.xml"
+    there.write_bytes(b"x" * 3_000_000)
+    there.with_suffix(".bin").write_bytes(b"x" * 1_000_000)
+    monkeypatch.setattr(command, "ExportedModel", lambda path: SimpleNamespace(runtime=lambda *inputs: path))
+    options = {"rounds": 1, "calls": 1, "models": [there], "output": tmp_path / "table.json"}
+    command.benchmark(checkpoint=untrained, image_size=64, **options)
     assert seen == [("model.ts", 64), ("model.pt2", 64), ("model.onnx", 64)]
     said = capsys.readouterr()
     assert "passed over ONNX: the exported model differs" in said.err
     assert "passed over OpenVINO: openvino is not installed (pip install usvnet[export])" in said.err
     assert "| TorchScript | 2.0 | 1.0e-03 | 2.0e-01 |" in said.out
     table = json.loads((tmp_path / "table.json").read_text())
-    assert [row["suffix"] for row in table["rows"]] == [None, ".ts", ".pt2"]
+    assert [row["suffix"] for row in table["rows"]] == [None, ".ts", ".pt2", None]
+    assert [row["format"] for row in table["rows"]][::3] == ["PyTorch", str(there)]
+    assert f"| {there} | 4.0 | | |" in " ".join(said.out.split())
     assert table["fastest"] in said.out
     assert table["stages_ms"].keys() == {"PyTorch", "TorchScript"}
     for row in table["rows"]:

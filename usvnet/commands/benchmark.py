@@ -17,7 +17,8 @@ from usvnet.checkpoints import STAMP, load_model, read_checkpoint
 from usvnet.deploy.benchmark import STAGES, Job, frame_inputs, median_times_ms, stage_jobs, stage_times_ms
 from usvnet.deploy.deployed import DeployedUSVNet
 from usvnet.deploy.export import export_model
-from usvnet.deploy.formats import FORMATS
+from usvnet.deploy.exported import ExportedModel
+from usvnet.deploy.formats import FORMATS, format_of
 from usvnet.deploy.predictor import DEFAULT_IMAGE_SIZE_PX, default_checkpoint
 from usvnet.deploy.runtimes import open_runtime
 from usvnet.files import atomic_write
@@ -33,7 +34,7 @@ class Row(NamedTuple):
     suffix: str | None
     megabytes: float | None
     max_px: float | None
-    """Greatest difference from the checkpoint; None of the checkpoint itself."""
+    """Greatest difference from the checkpoint; None of the checkpoint itself and of files that were there before."""
     max_m_at_10_m: float | None
     median_ms: float
     ratio: float
@@ -45,6 +46,7 @@ def benchmark(
     checkpoint: Path | None = None,
     image_size: int | None = None,
     formats: list[str] = list(SUFFIXES),  # noqa: B006 (a default on the command line)
+    models: list[Path] = [],  # noqa: B006
     rounds: int = 5,
     calls: int = 5,
     threads: int | None = None,
@@ -59,13 +61,14 @@ def benchmark(
         checkpoint: Weights written by train.py; the ones that come with usvnet where none is named.
         image_size: Side of the square picture, pixels; the size it was trained on where none is named.
         formats: Suffixes to try; those whose library is missing are passed over.
+        models: Exported files to time as well, such as one in int8; what they differ by is in their descriptions.
         rounds: Turns of each format.
         calls: Pictures a turn.
         threads: Threads of the processor to use; as many as PyTorch takes where none is named.
         output: JSON file of the table.
 
     Raises:
-        FileNotFoundError: there is no such checkpoint.
+        FileNotFoundError: there is no such checkpoint or exported file.
         ValueError: it is not one of usvnet, or an option out of range.
     """
     checkpoint = checkpoint or default_checkpoint()
@@ -86,7 +89,8 @@ def benchmark(
     inputs = frame_inputs(size)
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     jobs: dict[str, Job] = {EAGER: lambda: deployed(*inputs)}
-    parities, sizes_mb = {}, {}
+    jobs |= {str(path): _call(ExportedModel(path).runtime, inputs) for path in models}
+    parities, sizes_mb = {}, {str(path): _megabytes(path) for path in models}
     with tempfile.TemporaryDirectory() as folder, Progress(console=console, transient=True) as progress:
         task = progress.add_task("exporting", total=len(formats))
         for suffix in formats:
@@ -102,8 +106,7 @@ def benchmark(
                 except ValueError as error:
                     console.print(f"passed over {kind.title}: {error}")
                 else:
-                    files = [path, *(path.with_suffix(companion) for companion in kind.companions)]
-                    sizes_mb[suffix] = sum(file.stat().st_size for file in files) / 1e6
+                    sizes_mb[suffix] = _megabytes(path)
                     jobs[suffix] = _call(open_runtime(path), inputs)
             progress.advance(task)
         stages = {EAGER: stage_jobs(deployed, size, False), "TorchScript": stage_jobs(deployed, size, True)}
@@ -118,9 +121,12 @@ def benchmark(
     for suffix, parity in parities.items():
         figures = (sizes_mb[suffix], parity.px, parity.m_at_10_m, times_ms[suffix], times_ms[suffix] / times_ms[EAGER])
         rows.append(Row(FORMATS[suffix].title, suffix, *figures))
+    for name in map(str, models):
+        rows.append(Row(name, None, sizes_mb[name], None, None, times_ms[name], times_ms[name] / times_ms[EAGER]))
     best = min(rows, key=lambda row: row.median_ms)
     _tell(rows, split_ms, size)
-    how = f"usvnet export --output model{best.suffix}" if best.suffix else "the checkpoint as it is"
+    of_itself = "the checkpoint as it is" if best.format == EAGER else "that file"
+    how = f"usvnet export --output model{best.suffix}" if best.suffix else of_itself
     print(f"\nfastest here: {best.format} ({1000 / best.median_ms:.1f} pictures per second): {how}")
     if output:
         table: dict[str, Any] = {
@@ -140,6 +146,11 @@ def benchmark(
         print(f"wrote {output}")
 
 
+def _megabytes(path: Path) -> float:
+    files = [path, *(path.with_suffix(companion) for companion in format_of(path).companions)]
+    return sum(file.stat().st_size for file in files) / 1e6
+
+
 def _call(runtime: Callable[..., object], inputs: tuple[torch.Tensor, ...]) -> Job:
     return lambda: runtime(*inputs)
 
@@ -150,11 +161,9 @@ def _tell(rows: list[Row], split_ms: dict[str, dict[str, float]], size: int) -> 
     print("| Format | MB | Greatest difference, px | mm at 10 m | Median ms | Of PyTorch's time |")
     print("|---|---|---|---|---|---|")
     for row in rows:
-        if row.megabytes is None or row.max_px is None or row.max_m_at_10_m is None:
-            print(f"| {row.format} | | | | {row.median_ms:.1f} | 1 |")
-        else:
-            figures = f"{row.megabytes:.1f} | {row.max_px:.1e} | {1000 * row.max_m_at_10_m:.1e} | {row.median_ms:.1f}"
-            print(f"| {row.format} | {figures} | {row.ratio:.2f} |")
+        size_mb = "" if row.megabytes is None else f"{row.megabytes:.1f}"
+        differences = " | " if row.max_px is None else f"{row.max_px:.1e} | {1000 * (row.max_m_at_10_m or 0):.1e}"
+        print(f"| {row.format} | {size_mb} | {differences} | {row.median_ms:.1f} | {row.ratio:.2f} |")
     print(f"\n| Milliseconds in | {' | '.join(STAGES)} |")
     print("|---" * (1 + len(STAGES)) + "|")
     for name, stages in split_ms.items():
