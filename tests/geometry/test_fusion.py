@@ -47,21 +47,22 @@ def disturbed(camera: Camera) -> Camera:
 
 
 def float_boats(true: Camera, hull: Hull, near_m: float, far_m: float) -> torch.Tensor:
-    """Level points (F, 7, 3) of boats that roll, pitch and ride waves, of which stem and stern do not follow half."""
+    """Level points (F, 7, 3) of boats that roll, pitch and ride waves, which stem and stern follow by half."""
     boats = len(hull.points_m)
     one = torch.ones(boats, dtype=torch.float64)
-    wave = math.sqrt(0.5) * true.wave_std_m
-    height = true.height_m - noise(wave)
+    lift, half = noise(true.wave_std_m), math.sqrt(0.5)
+    height = true.height_m - lift
     level = put(
         hull.points_m, draw_poses(boats, near_m, far_m), height, noise(ROLL_STD_RAD * one), noise(PITCH_STD_RAD * one)
     )
-    level[:, [3, 6], 1] += noise(wave[:, None].expand(-1, 2))
+    level[:, [3, 6], 1] += (1 - half) * lift[:, None] + noise(half * true.wave_std_m[:, None].expand(-1, 2))
     return level
 
 
-def range_boats(pixels: torch.Tensor, camera: Camera, hull: Hull | None, std_px: float = 1.0) -> Ranges:
-    """One boat in each picture, every keypoint with noise."""
-    covariance = std_px**2 * torch.eye(2, dtype=torch.float64).expand(len(pixels), 1, 7, 2, 2)
+def range_boats(pixels: torch.Tensor, camera: Camera, hull: Hull | None, std_px: float | torch.Tensor = 1.0) -> Ranges:
+    """One boat in each picture, every keypoint with noise: of one standard deviation, or of seven (7, 1)."""
+    std_px = torch.as_tensor(std_px, dtype=torch.float64).expand(7, 1)
+    covariance = (std_px.unsqueeze(-1) ** 2 * torch.eye(2, dtype=torch.float64)).expand(len(pixels), 1, 7, 2, 2)
     boxes = torch.cat([pixels.amin(1), pixels.amax(1)], -1)[:, None]
     layer = RangingLayer(boat_roll_std_rad=ROLL_STD_RAD, boat_pitch_std_rad=PITCH_STD_RAD)
     with torch.no_grad():
@@ -101,6 +102,23 @@ def test_fused_is_as_good_as_the_better_one_and_every_sigma_is_honest(near_m: fl
     same = (ranges.hull.position_m - ranges.waterline.position_m).norm(dim=-1)[:, 0] < 0.5
     assert (ranges.fused.slant_std_m[:, 0] <= 1.001 * better)[chosen & same].double().mean() > 0.99
     assert ranges.heading_std_rad.isfinite().all()
+
+
+def test_sigmas_are_honest_where_deck_points_alone_say_how_high_a_boat_rides():
+    """A network's sharp points are those of the deck, and what it cannot see is how far a wave has lifted them."""
+    torch.manual_seed(0)
+    boats = 1500
+    still = {"height_std_m": 0.005, "pitch_std_rad": 1e-3, "roll_std_rad": 1e-3, "focal_std_px": 0.5}
+    camera = mounted(boats, **STD | still)
+    hull, true = known_hull(boats, 0.0, 0.0), disturbed(camera)
+    level = float_boats(true, hull, 4.0, 7.0)
+    pixels, truth_m = see(level, true), nearest_m(level)
+    std_px = torch.tensor([0.5, 0.5, 0.5, 8.0, 0.5, 0.5, 8.0]).unsqueeze(-1)
+    ranges = range_boats(pixels.nan_to_num(), camera, hull, std_px)
+    chosen = ranges.hull.valid[:, 0] & pixels.isfinite().all(-1).all(-1)
+    assert chosen.double().mean() > 0.9
+    score = ((ranges.hull.slant_m[:, 0] - truth_m) / ranges.hull.slant_std_m[:, 0])[chosen]
+    assert float(score.square().mean().sqrt()) == pytest.approx(1.0, abs=0.08)
 
 
 def test_the_floors_of_the_design():

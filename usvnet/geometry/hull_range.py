@@ -83,7 +83,7 @@ def range_hull(
     noise = pick(sight.covariance.flatten(-2), keypoint).unflatten(-1, (2, 2))
     common = pick(sight.by_camera.flatten(-2), keypoint).unflatten(-1, (2, 3))
     c_camera = -(b.unsqueeze(-1) * common).sum(-2)
-    c_height = hit.slant_by_height * sight.std[..., 0, 3]
+    c_height = hit.slant_by_height * sight.std[..., 0, 3] * sight.rides[:, :, 0, points[0]]
     weight = pick(fit.weight.unsqueeze(2).unsqueeze(-1), keypoint)[..., 0]
     spread = apply_matrix(noise, b)
     alone = (b * spread).sum(-1) / weight.clamp_min(1e-6)  # a keypoint that the fit holds for wrong counts as such
