@@ -31,7 +31,7 @@ HERE = Path(__file__).resolve().parent
 
 
 class EpochClock(Callback):
-    """Says at the end how many pictures a second the training epochs took, the first (of several) and validation not."""
+    """Says at the end how many pictures a second a training epoch took: not the first of several, nor validation."""
 
     def __init__(self) -> None:
         self.seconds: list[float] = []

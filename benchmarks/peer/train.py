@@ -3,7 +3,8 @@
 PEER/bin/python benchmarks/peer/train.py --data data.yaml --model yolo11n-pose.yaml --imgsz 320 --epochs 40 --out FOLDER
 
 The best checkpoint is ``FOLDER/train/weights/best.pt``. The last line is ``RESULT {"train_img_per_s": ...}``, over the
-epochs that were trained now but the first (of several); ``--fresh`` forgets an earlier run, as ``training_speed.py`` wants it.
+epochs that were trained now but the first (of several); ``--fresh`` forgets an earlier run, as ``training_speed.py``
+wants it.
 """
 
 import argparse
