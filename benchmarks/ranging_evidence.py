@@ -230,8 +230,8 @@ def coverage_table(ranged: Sequence[RangedBoat], folds: int) -> Table:
         ],
         rows=rows,
         strong=frozenset(range(len(rows) - len(ESTIMATORS), len(rows))),
-        note="Keypoint noise and factors fitted on the other folds: all boats together hit 90 % almost by construction, "
-        "distance bins need not. std. error: of the calibrated hit, pictures being independent.",
+        note="Keypoint noise and factors fitted on other folds. All boats together hit 90 % nearly by construction, "
+        "bins need not. std. error: of the calibrated hit, pictures being independent.",
     )
 
 

@@ -12,8 +12,11 @@ import torch
 
 from usvnet.checkpoints import load_model
 from usvnet.data.dataset import BoatDataset
+from usvnet.data.horizon_detector import Sight
 from usvnet.evaluation.evaluator import frame_truths
+from usvnet.evaluation.predictions import PicturePrediction
 from usvnet.evaluation.range_metrics import RangedBoat, range_errors
+from usvnet.geometry.attitude import Attitude
 from usvnet.geometry.ranging import RangingLayer
 
 from .boats import boat
@@ -81,6 +84,35 @@ def test_disturbing_widens_and_scatters_and_sigmas_are_those_that_are_told(evide
     assert loud.width_90_m > 1.3 * quiet.width_90_m
     assert 0.8 < loud.coverage_90 <= 1.0
     assert np.ptp([item.boat.ranges["waterline"].slant_m for item in moved[::40]]) > 0.1  # one boat, three draws
+
+
+def test_a_horizon_that_tells_the_truth_undoes_the_disturbance(root, many, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(root / "benchmarks")  # as where a script is run
+    horizon_ranges = benchmark(root, "horizon_ranges")
+    sure = torch.full((1,), 1e-6, dtype=torch.float64)
+
+    def find_horizon(path, camera, edge):
+        true = next(frame.camera for frame in many.frames if frame.image_path == path)
+        if path == many.frames[0].image_path:
+            return Sight(None, "faint", None)
+        return Sight(Attitude(true.pitch_rad.double(), true.roll_rad.double(), sure, sure), "", None)
+
+    predicted = [PicturePrediction(f.name, [boat(truth) for truth in frame_truths(f)]) for f in many.frames]
+    monkeypatch.setattr(horizon_ranges, "read_picture", lambda path: path)
+    monkeypatch.setattr(horizon_ranges, "find_horizon", find_horizon)
+    monkeypatch.setattr(horizon_ranges, "read_dataset", lambda root, split: many.frames)
+    monkeypatch.setattr(horizon_ranges, "read_predictions", lambda path: predicted)
+    horizon_ranges.main(tmp_path, tmp_path, tmp_path, draws=2)
+    rows = [line.strip("| ").split(" | ") for line in (tmp_path / "horizon_ranges.md").read_text().splitlines()[4:10]]
+    unseen = sum(frame.image_path == many.frames[0].image_path for frame in many.frames)
+    assert [row[2] for row in rows] == 6 * [str(2 * (40 - unseen))]
+    disturbed_m, joined_m = float(rows[0][4]), float(rows[3][4])
+    assert disturbed_m > 0.05
+    assert joined_m < 0.02 * disturbed_m
+
+    monkeypatch.setattr(horizon_ranges, "find_horizon", lambda picture, camera, edge: Sight(None, "faint", None))
+    with pytest.raises(ValueError, match="no horizon was seen in 40 pictures"):
+        horizon_ranges.main(tmp_path, tmp_path, tmp_path)
 
 
 def test_learning_from_lasers_moves_the_network_and_writes_its_curve(root, untrained, many, tmp_path, monkeypatch):
