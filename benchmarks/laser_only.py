@@ -202,7 +202,7 @@ def write(curve: Sequence[Sequence[Cell]], output: Path, estimator: str, learnt:
             panel.plot(
                 [row[0] for row in shown], [100 * float(row[1] or 0) for row in shown], "k:", label="fused, learnt"
             )
-        panel.set(xlabel="step", title=title, ylim=(0, None))
+        panel.set(xlabel="step", title=title, ylim=(0, 1.08 * panel.dataLim.ymax))
         panel.grid(alpha=0.3)
     figure.axes[1].legend(fontsize="small")
     with atomic_write(output / "laser_only.png") as temporary:

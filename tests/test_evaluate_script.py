@@ -42,7 +42,7 @@ def test_a_training_configuration_evaluates_a_checkpoint(run, root, checkpoint, 
     assert metrics["ranges"]["overall"]["waterline"]["n"] + metrics["ranges"]["overall"]["waterline"]["missed"] == 24
     assert len(list((output / "overlays").iterdir())) == 6
     shown = capsys.readouterr().out
-    assert "Slant range by scene" in shown
+    assert "None of the 24 labelled boats was found" in " ".join(shown.split())  # by a network that is hardly trained
     assert "paper: YOLO11m-pose" in shown
     assert f"open {output / 'report.html'} in a browser" in shown
     report = (output / "report.html").read_text()

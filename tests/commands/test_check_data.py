@@ -24,6 +24,8 @@ def test_a_sound_dataset_is_counted_and_drawn(dataset: Path, tmp_path: Path, cap
     printed = capsys.readouterr().out
     for words in ("30", "VI", "320 x 320", "range m", "labels.png"):
         assert words in printed
+    cameras = {line.split("│")[1].strip() for line in printed.splitlines() if "320 x 320" in line}
+    assert cameras == {path.stem for path in (dataset / "cameras").iterdir()}
     assert cv2.imread(str(tmp_path / "labels.png")).shape[1] > 500
 
 

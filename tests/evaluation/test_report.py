@@ -6,7 +6,7 @@ import math
 from rich.console import Console
 
 from usvnet.evaluation.paper_tables import TABLE_2, TABLE_3
-from usvnet.evaluation.report import print_report, range_table, write_report
+from usvnet.evaluation.report import nothing_found, print_report, range_table, write_report
 from usvnet.evaluation.scores import finite, score
 from usvnet.evaluation.tables import Column, Table
 
@@ -73,6 +73,23 @@ def test_without_any_laser_reading_there_is_no_range_table(tmp_path):
     report = (tmp_path / "report.md").read_text()
     assert "## Pose" in report
     assert "Slant range" not in report
+
+
+def test_where_nothing_is_found_one_sentence_stands_for_tables_of_dashes(tmp_path):
+    labelled = [truth(range_m=7.0, scene="I"), truth(200.0)]
+    unsure = score([[boat(labelled[0], score=0.2)]], [labelled])
+    out = io.StringIO()
+    print_report(unsure, "usvnet-n", Console(file=out, width=96))
+    write_report(unsure, tmp_path, "usvnet-n", {})
+    for text in (out.getvalue(), (tmp_path / "report.md").read_text()):
+        assert "None of the 2 labelled boats was found with a score of 0.25" in " ".join(text.split())
+        assert "Pose" in text
+        assert "Slant range" not in text
+        assert "Keypoint error" not in text
+    assert (tmp_path / "keypoints.csv").read_text().startswith("Keypoint,n,median,95th percentile\n")
+    empty = score([[]], [[]])
+    assert nothing_found(empty) == ""  # no boat is labelled, so none is missing
+    assert nothing_found(scores()) == ""
 
 
 def test_a_log_file_gets_whole_lines():

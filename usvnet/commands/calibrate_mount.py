@@ -77,7 +77,7 @@ def _style(camera: str) -> Literal["ros", "opencv"]:
 
 
 def _residual_table(rows: list[MountReading], fit: MountFit) -> Table:
-    table = Table(title="Readings: where the ray points, below where it should")
+    table = Table(title="Residuals: by how much each reading is seen lower than it should be")
     for heading in ("line", "image", "kind", "px", "sigmas"):
         table.add_column(heading, justify="left" if heading in ("image", "kind") else "right")
     for row, pixels, stds in zip(rows, fit.residuals_px.tolist(), fit.residuals.tolist()):

@@ -9,6 +9,9 @@ from rich.progress import track
 from usvnet.commands.dataset_report import Splits, camera_table, draw_labels, scene_table, size_table, split_table
 from usvnet.data.check import check_dataset, check_export
 from usvnet.data.conversion import TITLES, detect_format
+from usvnet.data.formats.ranges import FrameNotes, read_tables
+from usvnet.data.reader import read_cameras
+from usvnet.data.records import Faults, Frame
 
 
 def check_data(directory: str, *, output: str = "labels.png") -> None:
@@ -34,7 +37,8 @@ def check_data(directory: str, *, output: str = "labels.png") -> None:
     if kind is None:
         frames, faults = check_dataset(root, follow)
         splits = frames
-        tables = [split_table(frames), scene_table(frames), camera_table(frames), size_table(frames)]
+        names = camera_names(root, frames)
+        tables = [split_table(frames), scene_table(frames), camera_table(frames, names), size_table(frames)]
     else:
         splits, faults = check_export(root, kind, follow)
         console.print(f"{TITLES[kind]}: turn it into a dataset with usvnet convert")
@@ -48,3 +52,11 @@ def check_data(directory: str, *, output: str = "labels.png") -> None:
         console.print(f"fault: {fault}", markup=False, highlight=False, soft_wrap=True)
     if faults:
         raise ValueError(f"{len(faults)} {'fault' if len(faults) == 1 else 'faults'} in {directory}")
+
+
+def camera_names(root: Path, frames: dict[str, list[Frame]]) -> dict[str, str]:
+    """The name of the camera by the name of the picture: what frames.csv says, or that of the only camera file."""
+    known = Faults(collect=True)  # they have been told already
+    notes, cameras = read_tables(root, known), read_cameras(root / "cameras", known)
+    names = [frame.name for members in frames.values() for frame in members]
+    return {name: notes.get(name, FrameNotes()).camera or next(iter(cameras)) for name in names}

@@ -70,20 +70,26 @@ def scene_table(frames: Splits) -> Table:
     return table
 
 
-def camera_table(frames: dict[str, list[Frame]]) -> Table:
-    """The cameras as the pictures saw through them, attitudes from smallest to largest."""
-    groups: dict[tuple[float, ...], list[Frame]] = defaultdict(list)
+def camera_table(frames: dict[str, list[Frame]], names: Mapping[str, str]) -> Table:
+    """The cameras as the pictures saw through them, attitudes from smallest to largest.
+
+    Args:
+        frames: the pictures of each split.
+        names: the camera's name by the picture's.
+    """
+    groups: dict[str, list[Frame]] = defaultdict(list)
     for frame in (frame for members in frames.values() for frame in members):
-        camera = frame.camera
-        groups[(*frame.size_px, camera.K[0, 0, 0].item(), camera.height_m.item())].append(frame)
-    table = _table("Cameras", "size px", "focal px", "height m", "pitch deg", "roll deg", "pictures")
-    for (width, height, focal, height_m), members in sorted(groups.items()):
+        groups[names[frame.name]].append(frame)
+    table = _table("Cameras", "camera", "size\npx", "focal\npx", "height\nm", "pitch\ndeg", "roll\ndeg", "pictures")
+    for name, members in sorted(groups.items()):
+        (width, height), camera = members[0].size_px, members[0].camera
         pitch = [math.degrees(frame.camera.pitch_rad.item()) for frame in members]
         roll = [math.degrees(frame.camera.roll_rad.item()) for frame in members]
         table.add_row(
-            f"{width:.0f} x {height:.0f}",
-            f"{focal:.1f}",
-            f"{height_m:.2f}",
+            name,
+            f"{width} x {height}",
+            f"{camera.K[0, 0, 0].item():.1f}",
+            f"{camera.height_m.item():.2f}",
             f"{min(pitch):.1f} to {max(pitch):.1f}",
             f"{min(roll):.1f} to {max(roll):.1f}",
             str(len(members)),

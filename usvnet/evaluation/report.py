@@ -112,13 +112,14 @@ def write_report(
     tables = report_tables(scores, model)
     lines = [f"# Evaluation of {model}", "", *(f"- {name}: {value}" for name, value in facts.items())]
     lines += [f"- paper: {SOURCE}", "", *(table.to_markdown() for table in tables)]
+    lines += [f"{sentence}\n"] if (sentence := nothing_found(scores)) else []
     lines += [f"![{picture.stem}]({picture.relative_to(output_dir).as_posix()})\n" for picture in pictures]
     with atomic_write(output_dir / "report.md") as temporary:
         temporary.write_text("\n".join(lines), encoding="utf-8")
     with atomic_write(output_dir / "metrics.json") as temporary:
         temporary.write_text(scores.to_json(), encoding="utf-8")
-    tables[0].write_csv(output_dir / "pose.csv")
-    tables[-1].write_csv(output_dir / "keypoints.csv")
+    pose_table(scores, model).write_csv(output_dir / "pose.csv")
+    keypoint_table(scores).write_csv(output_dir / "keypoints.csv")
     for name, groups in (("scene", scores.ranges.by_scene), ("distance", scores.ranges.by_distance)):
         _range_csv(name, groups, scores.ranges.overall).write_csv(output_dir / f"range_by_{name}.csv")
         interval_csv(scores.intervals, name).write_csv(output_dir / f"intervals_by_{name}.csv")
@@ -132,16 +133,33 @@ def print_report(scores: Scores, model: str, console: Console | None = None) -> 
     for table in report_tables(scores, model):
         table.print(console)
         console.print()
+    if sentence := nothing_found(scores):
+        console.print(sentence)
 
 
 def report_tables(scores: Scores, model: str) -> list[Table]:
-    """All tables in the order of the report; the range tables only where a laser reading exists."""
+    """All tables in the order of the report; the range tables only where a laser reading exists.
+
+    Where no boat was found, only that of the pose: in the others there is nothing to tell (:func:`nothing_found`).
+    """
+    if nothing_found(scores):
+        return [pose_table(scores, model)]
     ranged = []
     if scores.ranges.by_distance:
         ranged = [range_table(scores), distance_table(scores)]
         ranged += [interval_table(scores.intervals, group) for group in ("scene", "distance")]
         ranged += [] if scores.floor is None else [floor_table(scores.floor)]
     return [pose_table(scores, model), *ranged, keypoint_table(scores)]
+
+
+def nothing_found(scores: Scores) -> str:
+    """One sentence where boats were labelled and none of them was found; else empty."""
+    if scores.keypoints.matched or not scores.keypoints.missed:
+        return ""
+    return (
+        f"None of the {scores.keypoints.missed} labelled boats was found with a score of {scores.range_confidence:g}, "
+        "so there are no ranges and no keypoint errors to show."
+    )
 
 
 def _range_csv(group: str, groups: dict[str, dict[str, RangeErrors]], overall: dict[str, RangeErrors]) -> Table:
