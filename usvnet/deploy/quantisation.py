@@ -69,7 +69,7 @@ def quantise(source: Path, target: Path, samples: Subset[Sample]) -> None:
 
 
 def network_ends(model: Any) -> list[tuple[Any, list[Any]]]:
-    """Outputs of the last convolutions, their biases added, each with the inputs outside the network that read it.
+    """Outputs of the last convolutions, before their biases, each with the inputs outside the network that read it.
 
     Inside is everything that a convolution depends on. Where a feature map inside is asked for its shape, that reads it
     too.
@@ -78,10 +78,6 @@ def network_ends(model: Any) -> list[tuple[Any, list[Any]]]:
     inside: set[str] = set()
     for node in reversed(nodes):
         if node.get_type_name() in CONVOLUTIONS or any(name in inside for name in _names_of_readers(node)):
-            inside.add(node.get_name())
-    for node in nodes:
-        sources = {value.get_node().get_type_name() for value in node.input_values()}
-        if node.get_type_name() == "Add" and "Constant" in sources and sources & {*CONVOLUTIONS}:
             inside.add(node.get_name())
     ends = []
     for node in nodes:
