@@ -69,14 +69,17 @@ def torch_jobs(deployed: DeployedUSVNet, modes: list[Mode]) -> Callable[[int], d
     return jobs
 
 
-def openvino_jobs(deployed: DeployedUSVNet, size_px: int, folder: Path, peer: bool) -> dict[str, Job]:
-    """Our whole chain and, where it was exported into ``folder``, the peer's network alone."""
+def openvino_jobs(
+    deployed: DeployedUSVNet, models: list[Path], size_px: int, folder: Path, peer: bool
+) -> dict[str, Job]:
+    """Our whole chain, also from ``models``, and, where it was exported into ``folder``, the peer's network alone."""
     file = folder / f"ours_{size_px}.xml"
     write_openvino(deployed, file, size_px)
-    runtime = open_runtime(file)
     picture, image = random_picture(size_px)
     _, *rest = plain_inputs(image, camera_of(size_px), generic_hull())
-    jobs: dict[str, Job] = {"openvino_chain_ms": partial(from_pixels, runtime, picture, *rest)}
+    jobs: dict[str, Job] = {}
+    for name, path in {"openvino": file, **{path.stem: path for path in models}}.items():
+        jobs[f"{name}_chain_ms"] = partial(from_pixels, open_runtime(path), picture, *rest)
     if peer:
         network = needed("openvino").Core().compile_model(folder / f"{size_px}.xml", "CPU", openvino_settings())
         array = np.ascontiguousarray(image.numpy())
@@ -161,12 +164,15 @@ def export_peer(python: str, model: str, sizes: list[int], folder: Path) -> None
 
 def ratios(row: Times) -> Times:
     """The peer's time over ours in PyTorch, ours over the peer's in OpenVINO, as far as both were measured."""
-    pairs = {
-        f"{mode}_{part}_ratio": (f"peer_{part}_ms", f"{mode}_{part}_ms")
-        for part in ("network", "chain")
-        for mode in ("eager", "script")
-    } | {"openvino_chain_over_peer_network": ("openvino_chain_ms", "peer_openvino_network_ms")}
-    return {name: row[one] / row[other] for name, (one, other) in pairs.items() if one in row and other in row}
+    found: Times = {}
+    for name, own_ms in row.items():
+        mode, _, part = name.removesuffix("_ms").rpartition("_")
+        if mode in ("eager", "script"):
+            if f"peer_{part}_ms" in row:
+                found[f"{mode}_{part}_ratio"] = row[f"peer_{part}_ms"] / own_ms
+        elif not mode.startswith("peer") and "peer_openvino_network_ms" in row:
+            found[f"{mode}_chain_over_peer_network"] = own_ms / row["peer_openvino_network_ms"]
+    return found
 
 
 def main(
@@ -175,6 +181,7 @@ def main(
     peer_model: str | None = None,
     sizes: list[int] = [320, 640],  # noqa: B006 (a default on the command line)
     modes: list[Mode] = ["eager", "script", "openvino"],  # noqa: B006
+    models: list[Path] = [],  # noqa: B006
     count: int = 10,
     rounds: int = 3,
     output: str = "runs/inference_speed.json",
@@ -187,6 +194,7 @@ def main(
         peer_model: the peer's network; by default the one of the same family and size.
         sizes: sides of the pictures.
         modes: what to time.
+        models: exported files of ours to time with the mode openvino, such as one in int8.
         count: forward passes a turn.
         rounds: turns.
         output: JSON file of the figures.
@@ -203,7 +211,7 @@ def main(
         jobs = {size_px: in_torch(size_px) for size_px in sizes}
         if "openvino" in modes:
             for size_px in sizes:
-                jobs[size_px] |= openvino_jobs(deployed, size_px, folder, bool(peer_python))
+                jobs[size_px] |= openvino_jobs(deployed, models, size_px, folder, bool(peer_python))
         peer = Peer(peer_python, peer_model, folder / "settings") if peer_python and modes != ["openvino"] else None
         for _ in range(rounds):
             for size_px in sizes:
