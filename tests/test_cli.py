@@ -33,7 +33,7 @@ class TestParsing:
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [
-            (["calibrate", "here"], "square_mm.*usvnet"),
+            (["calibrate", "here"], "square-mm.*usvnet calibrate"),
             (["calibrate", "here", "--square-mm", "wide"], "square_mm.*wide.*usvnet calibrate --help"),
             (["calibrate", "here", "--square-mm", "1", "--squares", "1"], "--squares"),
             (["calibrate", "here", "--square", "1"], "--square 1"),

@@ -28,6 +28,8 @@ COMMANDS = {
     "sweep": "train a grid of networks and settings, and compare them",
 }
 
+MISSING = "the following arguments are required: "
+
 
 class CommandParser(ArgumentParser):
     """Options with dashes and in full, and one line when they are wrong."""
@@ -44,8 +46,12 @@ class CommandParser(ArgumentParser):
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         """Leave the one line to :func:`usvnet.files.run_program`."""
-        asked = getattr(ex, "subcommand_parser", None) or self
-        raise ValueError(f"{message} (see {asked.prog.replace('[options] ', '')} --help)") from ex
+        asked = (getattr(ex, "subcommand_parser", None) or self).prog.replace("[options] ", "")
+        if MISSING in message:  # jsonargparse names them as keys of the whole: predict.camera
+            command, *_ = message.removeprefix(MISSING).split(".")
+            needs = message.removeprefix(MISSING).replace(f"{command}.", "").replace("_", "-")
+            asked, message = f"{asked} {command}", f"{command} needs {needs}"
+        raise ValueError(f"{message} (see {asked} --help)") from ex
 
 
 def command_function(name: str) -> Callable[..., object]:

@@ -153,3 +153,9 @@ def test_weights_that_came_along_are_found_or_asked_for(tmp_path, monkeypatch):
     (tmp_path / "checkpoints").mkdir()
     (tmp_path / "checkpoints" / "usvnet-n.pt").touch()
     assert default_checkpoint() == tmp_path / "checkpoints" / "usvnet-n.pt"
+
+
+@pytest.mark.parametrize("device", ["cuda:99", "gpu"])
+def test_a_device_that_is_not_there_is_refused(untrained, camera, device):
+    with pytest.raises(ValueError, match=f"device: got '{device}'.*cpu always works"):
+        Predictor(untrained, camera, device=device)

@@ -148,7 +148,7 @@ def predict(
     if attitudes.outcomes:
         print("attitude: " + ", ".join(f"{what} {count}" for what, count in attitudes.outcomes.most_common()))
     if follower:
-        print(f"{follower.tracker.confirmed} boats followed")
+        print(f"boats followed: {follower.tracker.confirmed}")
     if outputs.written:
         print(f"wrote {', '.join(str(path) for path in outputs.written)}")
     if signals:

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from usvnet.deploy.deployed import ESTIMATES, plain_inputs
-from usvnet.deploy.runtimes import open_runtime
+from usvnet.deploy.runtimes import open_runtime, usable_device
 from usvnet.deploy.sidecar import read_sidecar
 from usvnet.geometry.hull_model import generic_hull, hull_to
 from usvnet.types import Camera, Hull, Prediction, RangeEstimate
@@ -26,7 +26,7 @@ class ExportedModel:
 
     def __init__(self, path: Path | str, device: torch.device | str | None = None) -> None:
         self.path = Path(path)
-        self.device = torch.device(device or "cpu")
+        self.device = usable_device(device or "cpu")
         self.sidecar = read_sidecar(self.path)
         self.score_threshold = self.sidecar.score_threshold
         """Lowest score of a boat; may be set."""

@@ -14,6 +14,7 @@ from usvnet.checkpoints import STAMP, load_model, read_checkpoint
 from usvnet.data.transforms import warp
 from usvnet.deploy.deployed import fold_norms
 from usvnet.deploy.exported import ExportedModel
+from usvnet.deploy.runtimes import usable_device
 from usvnet.evaluation.records import ESTIMATORS, RANGE_CONFIDENCE, BoatRecord, to_records
 from usvnet.geometry.camera import camera_to, letterbox_camera, letterbox_matrix, scale_camera, stack_cameras
 from usvnet.geometry.camera_files import load_camera
@@ -81,7 +82,7 @@ class Predictor:
             self.stride_px, self.factors = checkpoint.sidecar.largest_stride_px, checkpoint.sidecar.factors
             checkpoint.score_threshold = confidence
         else:
-            self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+            self.device = usable_device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
             model = copy.deepcopy(checkpoint) if isinstance(checkpoint, USVNet) else load_model(checkpoint)
             self.stride_px = model.network.largest_stride_px
             self.refines = model.refiner is not None

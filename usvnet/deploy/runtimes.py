@@ -120,6 +120,20 @@ RUNTIMES: dict[str, type[TorchScriptRuntime | TorchExportRuntime | OnnxRuntime |
 }
 
 
+def usable_device(asked: torch.device | str) -> torch.device:
+    """The device of this name.
+
+    Raises:
+        ValueError: there is none, or this PyTorch cannot compute on it.
+    """
+    try:
+        return torch.empty(0, device=asked).device
+    except (AssertionError, NotImplementedError, RuntimeError):  # AssertionError: PyTorch was built without CUDA
+        raise ValueError(
+            f"device: got {str(asked)!r}, which PyTorch cannot compute on here; cpu always works"
+        ) from None
+
+
 def open_runtime(path: Path, device: torch.device | str = "cpu") -> Runtime:
     """Read an exported file; all but TorchScript compute on the processor whatever the device.
 
