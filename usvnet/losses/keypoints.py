@@ -87,7 +87,7 @@ def heatmap_loss(
     side = torch.arange(-radius, radius + 1, device=logits.device)
     cells = centre_cell.unsqueeze(-1) + side  # (B, N, K, 2, S) columns and rows, for the target is a product of two
     inside = (cells >= 0) & (cells < cells.new_tensor([[logits.shape[-1]], [logits.shape[-2]]]))
-    axis_logits = -(cells - exact_cell.unsqueeze(-1)).square() / (2 * sigma_cells**2)
+    axis_logits = heatmap.gaussian_logits(cells.unsqueeze(-1), exact_cell[..., None, None], sigma_cells)
     axis = axis_logits.masked_fill(~inside, -torch.inf).softmax(dim=-1).nan_to_num()  # all 0 for one outside the map
     columns, rows = axis.unbind(-2)
     target = (rows.unsqueeze(-1) * columns.unsqueeze(-2)).flatten(-2)
