@@ -9,7 +9,7 @@ from torch.nn import functional
 from usvnet.deploy import export
 from usvnet.deploy.deployed import INPUTS, OUTPUTS, DeployedUSVNet, camera_std
 from usvnet.deploy.exported import ExportedModel
-from usvnet.deploy.parity import check_parity, probe_camera
+from usvnet.deploy.parity import check_parity, compare_chains, probe_camera
 from usvnet.deploy.predictor import Predictor
 from usvnet.deploy.sidecar import read_sidecar, sidecar_path
 from usvnet.intervals import ESTIMATORS, UNCALIBRATED, IntervalFactors
@@ -147,6 +147,31 @@ def test_a_difference_is_noticed(model):
     for first, second in ((deployed, other), (other, other)):
         with pytest.raises(ValueError, match=r"differs.* px, .* mm at 10 m"):
             check_parity(model, first, second)
+
+
+def far_boat(slant_m, std_m):
+    """What a chain answers of one boat whose box ends near the horizon, and of nothing else."""
+    fields = {"boxes_px": 4, "keypoints_px": 2, "scores": 1, "heading_rad": 1, "misfit": 1}
+    answers = {name: torch.zeros(1, 1, size).squeeze(-1) for name, size in fields.items()}
+    answers["misfit"] += 1
+    for who in ESTIMATORS:
+        one = torch.ones(1, 1)
+        place = torch.tensor([0.0, 1.5, slant_m]).view(1, 1, 3)
+        answers |= {f"{who}_slant_m": slant_m * one, f"{who}_horizontal_m": slant_m * one, f"{who}_position_m": place}
+        answers |= {f"{who}_slant_std_m": std_m * one}
+    return answers
+
+
+@pytest.mark.parametrize(("field", "factor", "fits"), [("", 1.0, True), ("slant_m", 1.01, False), ("std", 1.1, False)])
+def test_a_rounding_error_near_the_horizon_is_no_difference(field, factor, fits):
+    """At 1.5 m above the water and a focal length of 700 px, 1e-4 px are 0.4 m of range at 2 km, and twice as much,
+    in proportion, of its sigma."""
+    off = 2000.0 * 1e-4 / 700 / 1.5
+    slant_m, std_m = 2000 * (1 + off), 1000 * (1 + 2 * off)
+    got = far_boat(slant_m * factor if field == "slant_m" else slant_m, std_m * factor if field == "std" else std_m)
+    image, camera, _ = inputs(1, 64, 64)
+    found = compare_chains(lambda *_: far_boat(2000, 1000), lambda *_: got, image, camera)
+    assert (found.m_at_10_m <= 0.001 and found.rest <= 1e-4) == fits
 
 
 def test_other_suffixes_are_refused(model, tmp_path):

@@ -1,6 +1,7 @@
 """Files of other runtimes: loops and sizes are the module's, not those of the picture that they were made with."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ from usvnet.deploy.sidecar import sidecar_path
 from usvnet.geometry.camera import make_camera
 from usvnet.heatmap import decode
 from usvnet.network.nms import suppress
+
+SHIPPED = Path(__file__).parents[2] / "checkpoints" / "usvnet-n.pt"
 
 
 class Suppression(nn.Module):
@@ -161,6 +164,20 @@ def test_every_format_takes_and_answers_by_name_at_any_batch_and_size(tmp_path, 
             assert list(got) == list(expected)
             for name, value in expected.items():
                 torch.testing.assert_close(got[name], value, rtol=1e-5, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "packages"),
+    [(".onnx", ["onnx", "onnxruntime"]), pytest.param(".xml", ["onnx", "openvino"], marks=pytest.mark.slow)],
+)
+def test_the_network_that_comes_along_passes_parity(tmp_path, suffix, packages):
+    """Trained networks see boats anywhere in a random picture, on the horizon too, where a rounding error is metres."""
+    for package in packages:
+        pytest.importorskip(package, reason="needs pip install usvnet[export]")
+    path = tmp_path / f"model{suffix}"
+    parity = export_model(load_model(SHIPPED), path, image_size=640)
+    assert parity.px < 0.01
+    assert path.is_file()
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from usvnet.deploy.deployed import DeployedUSVNet, plain_inputs
+from usvnet.deploy.deployed import ESTIMATORS, DeployedUSVNet, plain_inputs
 from usvnet.geometry.camera import project
 from usvnet.geometry.hull_model import generic_hull
 from usvnet.geometry.ranging import RangingLayer
@@ -50,7 +50,7 @@ class Parity(NamedTuple):
     px: float
     """Of boxes and keypoints."""
     m_at_10_m: float
-    """Of slant ranges, scaled to 10 m."""
+    """Of ranges and positions, scaled to 10 m."""
     rest: float
     """Of everything else, relative above 1."""
 
@@ -143,17 +143,37 @@ def compare_chains(deployed: DeployedUSVNet, reloaded: Answer, image: Tensor, ca
     expected, got = shared_boats(deployed(*inputs), reloaded(*inputs))
     pixels = ("boxes_px", "keypoints_px")
     names = [name for name in expected if not name.startswith(OF_FITS)]
-    ranges = [name for name in names if name.endswith("_slant_m")]
+    ranges = [name for name in names if name.endswith(("_slant_m", "_horizontal_m", "_position_m"))]
+    sigmas = [name for name in names if name.endswith("_slant_std_m")]
     fitting = expected["misfit"] < FITTING
     fits = [difference(expected[n][fitting], got[n][fitting], median=True) for n in ("heading_rad", "misfit")]
     fitted = [
         range_difference(expected[n][fitting], got[n][fitting], median=True) for n in ("hull_slant_m", "fused_slant_m")
     ]
+    plain = {*names} - {*pixels, *ranges, *sigmas}
     return Parity(
         px=max(difference(expected[name], got[name]) for name in pixels),
-        m_at_10_m=max(*(range_difference(expected[name], got[name]) for name in ranges), *fitted),
-        rest=max(*(difference(expected[name], got[name], True) for name in {*names} - {*pixels, *ranges}), *fits),
+        m_at_10_m=max(
+            *(range_difference(expected[name], got[name], slant_m=slant_of(name, expected)) for name in ranges), *fitted
+        ),
+        rest=max(
+            *(difference(expected[name], got[name], True) for name in plain),
+            *(difference(at_10_m(name, expected), at_10_m(name, got), True) for name in sigmas),
+            *fits,
+        ),
     )
+
+
+def slant_of(name: str, boats: dict[str, Tensor]) -> Tensor:
+    """The slant range (M,) of the estimator that one of its answers is named after."""
+    estimator = next(estimator for estimator in ESTIMATORS if name.startswith(f"{estimator}_"))
+    return boats[f"{estimator}_slant_m"]
+
+
+def at_10_m(name: str, boats: dict[str, Tensor]) -> Tensor:
+    """A sigma (M,) as it would be at 10 m: as a range near the horizon is, its sigma is any pixel's rounding away."""
+    slant_m = slant_of(name, boats)
+    return torch.where(slant_m.isfinite(), boats[name] * share_at_10_m(slant_m), boats[name])
 
 
 def shared_boats(expected: dict[str, Tensor], got: dict[str, Tensor]) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
@@ -208,15 +228,26 @@ def difference(a: Tensor, b: Tensor, relative: bool = False, median: bool = Fals
     return _one((gap / a.abs().clamp(min=1.0) if relative else gap).nan_to_num(nan=torch.inf), median)
 
 
-def range_difference(a_m: Tensor, b_m: Tensor, median: bool = False) -> float:
-    """Greatest (or median) difference of slant ranges, scaled to 10 m.
+def range_difference(a_m: Tensor, b_m: Tensor, median: bool = False, slant_m: Tensor | None = None) -> float:
+    """Greatest (or median) difference of ranges (M,) or positions (M, 3), scaled to 10 m.
 
     A ray on the horizon may have a range in one only, which counts where the median is asked for.
+
+    Args:
+        a_m: what was expected.
+        b_m: what was got.
+        median: instead of the greatest.
+        slant_m: (M,) how far the boats are; None where ``a_m`` says so itself.
     """
     a_m, b_m = a_m.double(), b_m.double()
+    slant_m = a_m if slant_m is None else slant_m.double().view(-1, *[1] * (a_m.dim() - 1)).expand_as(a_m)
     both = a_m.isfinite() & (b_m.isfinite() | median)
-    scale = (REFERENCE_RANGE_M / a_m[both].clamp(min=REFERENCE_RANGE_M)).square()
-    return _one((a_m[both] - b_m[both]).abs() * scale, median)
+    return _one((a_m[both] - b_m[both]).abs() * share_at_10_m(slant_m[both]), median)
+
+
+def share_at_10_m(slant_m: Tensor) -> Tensor:
+    """What is left at 10 m of an error at ``slant_m``, which grows with the square of the range."""
+    return (REFERENCE_RANGE_M / slant_m.clamp(min=REFERENCE_RANGE_M)).square()
 
 
 def _one(differences: Tensor, median: bool) -> float:
