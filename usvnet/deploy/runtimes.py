@@ -87,9 +87,19 @@ class OpenVinoRuntime:
         shapes = tuple(value.shape for value in inputs)
         if shapes not in self.compiled:
             fix_shapes(self.model, inputs)
-            self.compiled[shapes] = self.core.compile_model(self.model, "CPU", openvino_settings())
-        found = self.compiled[shapes](as_arrays(inputs))
+            self.compiled[shapes] = self.core.compile_model(interleaved(self.model), "CPU", openvino_settings())
+        image, *rest = inputs
+        found = self.compiled[shapes](as_arrays([image.permute(0, 2, 3, 1), *rest]))
         return {name: torch.from_numpy(found[n]) for n, name in enumerate(ANSWERS)}
+
+
+def interleaved(model: Any) -> Any:
+    """The same OpenVINO model with pictures (B, H, W, 3): as they lie in memory, and as its convolutions want them."""
+    preprocess = needed("openvino.preprocess").PrePostProcessor(model.clone())
+    picture = preprocess.input("image")
+    picture.tensor().set_layout(needed("openvino").Layout("NHWC"))
+    picture.model().set_layout(needed("openvino").Layout("NCHW"))
+    return preprocess.build()
 
 
 def openvino_settings() -> dict[str, Any]:

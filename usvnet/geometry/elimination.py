@@ -21,7 +21,7 @@ def solve_positive(matrix: Tensor, right: Tensor) -> Tensor:
     unit = torch.eye(n, dtype=matrix.dtype, device=matrix.device)
     left = torch.cat([matrix, right], -1)
     for i in range(n):
-        pivot = left[..., i, 1:] / left[..., i, :1]
-        column = left[..., 0] - unit[i]
-        left = left[..., 1:] - column.unsqueeze(-1) * pivot.unsqueeze(-2)  # its first column is now unit[i]: dropped
-    return left
+        row = left[..., i : i + 1, :]
+        pivot = row / row[..., i : i + 1]
+        left = left - (left[..., i : i + 1] - unit[:, i : i + 1]) * pivot  # its column i is now that of a unit matrix
+    return left[..., n:]
