@@ -92,15 +92,15 @@ def test_beyond_the_edge_the_edge_is_repeated():
     native = Native(ramp(1080, 1920, 0.1), TO_IMAGE[None])
     boxes_px = torch.tensor([[-20.0, 100, 20, 110]], dtype=torch.float64)
     shown = cut(native, torch.zeros(1, dtype=torch.int64), place_crops(boxes_px, TO_IMAGE[None]))
-    assert (shown[0, 0, :, :60] == 0).all()
-    assert (shown[0, 0, :, 70:] > 0).all()
+    assert (shown[0, 0, :, : CROP_SIZE_PX // 2 - 4] == 0).all()
+    assert (shown[0, 0, :, CROP_SIZE_PX // 2 + 6 :] > 0).all()
 
 
 def test_a_shrunk_crop_does_not_alias():
     """Stripes one native pixel wide, seen at every other pixel, would be all black or all white."""
     stripes = torch.zeros(1, 3, 300, 600, dtype=torch.uint8)
     stripes[..., ::2] = 255
-    boxes_px = torch.tensor([[100.0, 60, 100 + 256 / MARGIN, 100]])
+    boxes_px = torch.tensor([[100.0, 60, 100 + 2 * CROP_SIZE_PX / MARGIN, 100]])
     identity = torch.eye(3)[None]
     shown = cut(Native(stripes, identity), torch.zeros(1, dtype=torch.int64), place_crops(boxes_px, identity))
     assert ((shown - 0.5).abs() < 0.1).all()

@@ -11,8 +11,9 @@ INTEGRATIONS = ROOT.glob("integrations/**/*.py")
 SOURCES = sorted([*ROOT.glob("usvnet/**/*.py"), *ROOT.glob("scripts/*.py"), *ROOT.glob("*.py"), *INTEGRATIONS])
 
 LEVELS = [
-    {"__init__", "types", "files", "config", "allocator"},
-    {"geometry", "heatmap", "intervals", "keypoint_noise", "crops"},
+    {"__init__", "types", "files", "config", "allocator", "wording"},
+    {"geometry", "heatmap", "intervals", "keypoint_noise"},
+    {"crops"},
     {"network", "losses", "data", "simulator", "metrics", "tracking"},
     {"model"},
     {"checkpoints", "optimiser", "pretrained", "visualize"},

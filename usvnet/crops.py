@@ -12,9 +12,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from usvnet.heatmap import Moments
 from usvnet.types import Native
 
-CROP_SIZE_PX = 128
+CROP_SIZE_PX = 192
 """Side of a crop in its own pixels."""
 MARGIN = 1.5
 """Side of a crop over the longer side of the boat's box."""
@@ -52,6 +53,8 @@ class Refinement(NamedTuple):
     """(M, 7, 2) where the detector saw the keypoints, in the crop."""
     heatmap_logits: Tensor
     """(M, 7, h, w) at :data:`REFINED_STRIDE` pixels of the crop per cell."""
+    moments: Moments
+    """Of these about the hints, one boat a crop: (M, 1, 7, ...)."""
 
 
 def place_crops(

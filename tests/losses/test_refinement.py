@@ -5,7 +5,7 @@ import torch
 
 from usvnet.config import LossWeights
 from usvnet.crops import CROP_SIZE_PX, REFINED_STRIDE, Refinement, place_crops, to_crop
-from usvnet.heatmap import encode
+from usvnet.heatmap import encode, window_moments
 from usvnet.losses import Criterion
 from usvnet.losses.refinement import boats_in_crops
 
@@ -21,7 +21,8 @@ def perfect() -> Refinement:
     hints_px = to_crop(BOATS.keypoints_px[PICTURE, BOAT], crops)
     cells = CROP_SIZE_PX // REFINED_STRIDE
     logits = encode(hints_px, cells, cells, REFINED_STRIDE, 1.0)
-    return Refinement(BOATS.keypoints_px, torch.zeros(2, 2, 7, 2, 2), PICTURE, BOAT, crops, hints_px, logits)
+    moments = window_moments(logits, hints_px.unsqueeze(1), REFINED_STRIDE)
+    return Refinement(BOATS.keypoints_px, torch.zeros(2, 2, 7, 2, 2), PICTURE, BOAT, crops, hints_px, logits, moments)
 
 
 def test_labels_follow_their_boat_into_its_crop():

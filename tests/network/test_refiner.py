@@ -112,7 +112,7 @@ def test_what_is_not_looked_at_is_left_alone(why):
     if why == "absent":
         labels = labels._replace(present=torch.zeros_like(labels.present))
     elif why == "large":
-        labels = labels._replace(boxes_px=10 * labels.boxes_px)
+        labels = labels._replace(boxes_px=12 * labels.boxes_px)  # 288 px long: cells of the crop would be 4.5 px wide
     else:
         labels = labels._replace(keypoints_px=labels.keypoints_px + 100)
     found = look(model, labels, error_px=0.0)

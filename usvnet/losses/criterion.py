@@ -125,18 +125,11 @@ class Criterion(nn.Module):
         """The losses of the refined heatmaps."""
         logits, labels = refinement.heatmap_logits, boats_in_crops(refinement, boats)
         reach = heatmap.SEARCH_FACTOR * self.heatmap_radius
-        moments = heatmap.window_moments(
-            logits,
-            refinement.hints_px.detach().unsqueeze(1),
-            REFINED_STRIDE,
-            self.heatmap_radius,
-            self.heatmap_sigma_cells,
-        )
         return {
             "refined_heatmap": heatmap_loss(
                 logits, labels, self.heatmap_sigma_cells, reach, jitter_cells, REFINED_STRIDE
             ),
             "refined_covariance": covariance_loss(
-                moments, labels, self.heatmap_sigma_cells, heatmap.COVARIANCE_FLOOR_PX2, REFINED_STRIDE
+                refinement.moments, labels, self.heatmap_sigma_cells, heatmap.COVARIANCE_FLOOR_PX2, REFINED_STRIDE
             ),
         }
