@@ -6,7 +6,8 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from usvnet.geometry.camera import camera_to, flip_camera, make_camera, project, turn_camera, turn_matrix
+from usvnet.data.transforms import turn_matrix
+from usvnet.geometry.camera import camera_to, flip_camera, make_camera, project, turn_camera
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.geometry.rays import level_rotation
 
@@ -41,6 +42,11 @@ def see(camera, points: torch.Tensor) -> torch.Tensor:
     return project(points @ level_rotation(camera.pitch_rad, camera.roll_rad)[0], camera)
 
 
+def turned_pixels(camera, angle: float) -> torch.Tensor:
+    """Map (1, 3, 3) from the pixels of a camera's picture to those of the turned camera's."""
+    return torch.from_numpy(turn_matrix(camera.K[0].numpy(), angle))[None]
+
+
 def moved(pixels: torch.Tensor, A: torch.Tensor) -> torch.Tensor:
     return pixels @ A[..., :2, :2].mT + A[..., None, :2, 2]
 
@@ -48,7 +54,7 @@ def moved(pixels: torch.Tensor, A: torch.Tensor) -> torch.Tensor:
 @pytest.mark.parametrize("angle", ANGLES)
 def test_project_then_turn_is_turn_then_project(angle):
     camera, points = tilted(), level_points()
-    A = turn_matrix(camera.K, angle)
+    A = turned_pixels(camera, angle)
     torch.testing.assert_close(
         see(turn_camera(camera, angle), points), moved(see(camera, points), A), atol=1e-8, rtol=0
     )
@@ -57,7 +63,7 @@ def test_project_then_turn_is_turn_then_project(angle):
 @pytest.mark.parametrize("angle", ANGLES)
 def test_a_turned_picture_keeps_its_ranges_and_their_stds(angle):
     camera, points = tilted(), level_points()
-    turned, A = turn_camera(camera, angle), turn_matrix(camera.K, angle)
+    turned, A = turn_camera(camera, angle), turned_pixels(camera, angle)
     covariance = torch.eye(2, dtype=torch.float64).expand(1, 100, 2, 2)
     S = A[:, None, :2, :2]
     before = RangingLayer().range_points(see(camera, points), covariance, camera)
@@ -68,9 +74,9 @@ def test_a_turned_picture_keeps_its_ranges_and_their_stds(angle):
 
 
 def test_a_positive_turn_is_clockwise_seen_from_behind_and_turns_the_picture_the_other_way():
-    camera = make_camera([[100, 0, 50], [0, 100, 50], [0, 0, 1]], (101, 101), height_m=1.0)
+    camera = make_camera([[100, 0, 50], [0, 100, 50], [0, 0, 1]], (101, 101), height_m=1.0, dtype=torch.float64)
     assert turn_camera(camera, 0.2).roll_rad.tolist() == pytest.approx([0.2])
-    right = moved(torch.tensor([[[90.0, 50.0]]]), turn_matrix(camera.K, 0.2))[0, 0]
+    right = moved(camera.K.new_tensor([[[90, 50]]]), turned_pixels(camera, 0.2))[0, 0]
     assert right.tolist() == pytest.approx([50 + 40 * math.cos(0.2), 50 - 40 * math.sin(0.2)])
 
 
@@ -84,4 +90,4 @@ def test_a_turn_back_undoes_it_and_a_mirror_turns_the_other_way():
 
 def test_gradcheck_turn():
     camera, angle = tilted(), torch.tensor([0.2], dtype=torch.float64, requires_grad=True)
-    assert gradcheck(lambda a: (*turn_camera(camera, a)[:2], turn_matrix(camera.K, a)), (angle,))
+    assert gradcheck(lambda a: turn_camera(camera, a).distortion, (angle,))

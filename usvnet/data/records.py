@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -61,7 +62,7 @@ class Frame:
     hull: Hull = field(default_factory=generic_hull)
     """One hull (B = 1, float32), that of every boat in the picture; a generic one where none is known."""
 
-    @property
+    @cached_property
     def size_px(self) -> tuple[int, int]:
         """Width and height of the picture."""
         width, height = self.camera.size_px[0].round().int().tolist()

@@ -171,7 +171,8 @@ def transform_camera(camera: Camera, A: Tensor, size_px: Numbers) -> Camera:
         ValueError: A turns, shears or mirrors.
     """
     A = A.to(camera.K)
-    if bool((A[..., [0, 1, 2, 2], [1, 0, 0, 1]] != 0).any()) or not bool((A[..., [0, 1], [0, 1]] > 0).all()):
+    scales = A.diagonal(dim1=-2, dim2=-1)
+    if not torch.equal(A[..., :2], scales.diag_embed()[..., :2]) or not bool((scales > 0).all()):
         raise ValueError(f"A: expected positive scales and a shift, got {A.tolist()}")
     size = torch.as_tensor(size_px, dtype=camera.K.dtype, device=camera.K.device)
     return camera._replace(
@@ -223,7 +224,9 @@ def flip_camera(camera: Camera) -> Camera:
 
 
 def turn_camera(camera: Camera, angle_rad: Tensor | float) -> Camera:
-    """Turn cameras about their optical axis, clockwise seen from behind, by a number or (B,); see :func:`turn_matrix`.
+    """Turn cameras about their optical axis, clockwise seen from behind, by a number or (B,).
+
+    Their pictures turn the other way, see :func:`usvnet.data.transforms.turn_matrix`.
 
     Exact for every plumb-bob lens: radial distortion does not know directions, and the tangential part is
     2 (q . x) x + q |x|^2 with q = (p2, p1), so it is enough to turn q like any other vector of the picture.
@@ -233,18 +236,6 @@ def turn_camera(camera: Camera, angle_rad: Tensor | float) -> Camera:
     k1, k2, p1, p2, k3 = camera.distortion.unbind(-1)
     distortion = torch.stack([k1, k2, c * p1 - s * p2, c * p2 + s * p1, k3], -1)
     return camera._replace(distortion=distortion, roll_rad=camera.roll_rad + angle)
-
-
-def turn_matrix(K: Tensor, angle_rad: Tensor | float) -> Tensor:
-    """Pixel map (B, 3, 3) from the pictures of cameras with K (B, 3, 3) to those that :func:`turn_camera` would take.
-
-    The picture turns the other way, about the principal point: A = K Rz(-angle) K^-1.
-    """
-    angle = torch.as_tensor(angle_rad, dtype=K.dtype, device=K.device).expand(K.shape[:-2])
-    c, s, zero = torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)
-    rows = [[c, s, zero], [-s, c, zero], [zero, zero, torch.ones_like(angle)]]
-    R = torch.stack([torch.stack(row, -1) for row in rows], -2)
-    return K @ R @ torch.linalg.inv(K)
 
 
 def project(points_camera_m: Tensor, camera: Camera) -> Tensor:
