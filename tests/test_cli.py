@@ -34,16 +34,32 @@ class TestParsing:
         ("arguments", "message"),
         [
             (["calibrate", "here"], "square-mm.*usvnet calibrate"),
-            (["calibrate", "here", "--square-mm", "wide"], "square_mm.*wide.*usvnet calibrate --help"),
+            (
+                ["calibrate", "here", "--square-mm", "wide"],
+                "--square-mm: got wide, expected a number .see usvnet cal.* --help",
+            ),
             (["calibrate", "here", "--square-mm", "1", "--squares", "1"], "--squares"),
             (["calibrate", "here", "--square", "1"], "--square 1"),
-            (["calibrat"], "calibrat.*check-data"),
-            ([], "subcommand"),
+            (["calibrat"], "^got the command 'calibrat', expected one of calibrate, .*check-data, .*usvnet --help"),
+            (["--loud"], "--loud"),
         ],
     )
     def test_a_wrong_option_is_named(self, arguments, message):
         with pytest.raises(ValueError, match=f"(?s){message}"):
             cli.run(arguments)
+
+
+def test_nothing_asked_is_answered_by_the_help(capsys):
+    cli.run([])
+    bare = capsys.readouterr().out
+    with pytest.raises(SystemExit) as stop:
+        cli.run(["--help"])
+    assert stop.value.code == 0
+    assert bare == capsys.readouterr().out
+    lines = bare.splitlines()
+    assert lines[0] == "usage: usvnet COMMAND ..."
+    assert [line.split()[0] for line in lines if line[:4].isspace() and line[4:5].isalpha()] == list(cli.COMMANDS)
+    assert "train.py" in bare
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
@@ -54,6 +70,8 @@ def test_every_command_has_help_for_every_option(name, capsys):
     text = capsys.readouterr().out
     assert cli.COMMANDS[name].split()[0] in text
     assert "_" not in "".join(word for word in text.split() if word.startswith("--"))
+    assert text.startswith(f"usage: usvnet {name} ")
+    assert not {"<class", "type:", "null"} & set(text.replace("(", " ").replace(")", " ").split())
 
 
 def test_version_help_and_errors_of_the_real_program():

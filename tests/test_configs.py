@@ -132,3 +132,16 @@ def test_train_py_answers_in_one_line_with_exit_code_2(arguments, named, root, t
 def test_the_parser_raises_instead_of_leaving():
     with pytest.raises(ValueError, match="speed"):
         OneLineParser().parse_args(["--speed", "3"])
+
+
+def test_a_fresh_start_over_another_run_is_told(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("lightning.pytorch.Trainer.fit", lambda *_, **__: None)
+    monkeypatch.setattr("usvnet.training_cli.keep_freed_memory", lambda: None)
+    build(tmp_path, "--config", "configs/experiment/quickstart.yaml").fit()
+    assert capsys.readouterr().err == ""
+    (tmp_path / "checkpoints").mkdir()
+    (tmp_path / "checkpoints" / "last.ckpt").write_bytes(b"")
+    build(tmp_path, "--config", "configs/experiment/quickstart.yaml").fit()
+    told = capsys.readouterr().err
+    assert told.startswith(f"note: {tmp_path} holds a run already")
+    assert "--resume true" in told

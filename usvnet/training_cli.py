@@ -18,6 +18,7 @@ from usvnet.checkpoints import check_variant, read_checkpoint
 from usvnet.data.datamodule import BoatDataModule
 from usvnet.network.variants import check_picture_size
 from usvnet.training import USVModule
+from usvnet.wording import in_plain_words
 
 TRAINER_DEFAULTS = {
     "max_epochs": 100,
@@ -36,7 +37,7 @@ class OneLineParser(LightningArgumentParser):
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         """Raise instead of printing the usage and leaving."""
-        raise ValueError(message) from ex
+        raise ValueError(in_plain_words(message)) from ex
 
 
 class TrainingCLI(LightningCLI):
@@ -131,6 +132,9 @@ class TrainingCLI(LightningCLI):
             KeyboardInterrupt: the user stopped the run; a line on stderr says how to go on.
         """
         start = self.start_checkpoint()
+        if start is None and (self.checkpoints / "last.ckpt").is_file() and self.trainer.is_global_zero:
+            note = "its checkpoints will be replaced (--resume true goes on with it instead)"
+            print(f"note: {self.config.run_dir} holds a run already, {note}", file=sys.stderr)
         keep_freed_memory()
         try:
             self.trainer.fit(self.model, self.datamodule, ckpt_path=start, weights_only=True)
@@ -169,5 +173,6 @@ def quiet() -> None:
         *("not have many workers", "Checkpoint directory", "dirpath has", "training batches", "LeafSpec"),
         "sync_dist=True",  # every process has scored the whole set already
         "args parameter is intended",
+        "your dataloader is not resumable",  # its samplers are: tests/test_resume.py
     ):
         warnings.filterwarnings("ignore", f".*{what}.*")
