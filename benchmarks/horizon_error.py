@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from jsonargparse import auto_cli
 from rich.console import Console
 from rich.progress import track
@@ -22,7 +21,7 @@ from usvnet.data.reader import read_cameras
 from usvnet.data.records import Faults
 from usvnet.files import atomic_write
 from usvnet.geometry.camera import make_camera, with_attitude
-from usvnet.geometry.horizon import WaterEdge
+from usvnet.geometry.horizon import flat_edge
 from usvnet.simulator.dataset_writer import read_truths
 from usvnet.types import Camera
 
@@ -71,9 +70,7 @@ def main(
         pitch, roll = case.true.pitch_rad.item(), case.true.roll_rad.item()
         drawn = np.random.default_rng([3, number]).normal(0, stds)
         camera = with_attitude(case.true, pitch + drawn[0], roll + drawn[1], *stds)
-        edge = None
-        if edge_m is not None:
-            edge = WaterEdge(torch.atan(case.true.height_m / edge_m), torch.zeros_like(case.true.height_m))
+        edge = None if edge_m is None else flat_edge(case.true, edge_m)
         sight = find_horizon(read_picture(root / "images" / case.image), camera, edge)
         case.reason = sight.reason
         if sight.attitude is not None:

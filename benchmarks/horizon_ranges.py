@@ -31,7 +31,7 @@ from usvnet.evaluation.tables import Cell, Column, Table
 from usvnet.files import atomic_write
 from usvnet.geometry.attitude import camera_attitude, combine
 from usvnet.geometry.camera import camera_to, with_attitude
-from usvnet.geometry.horizon import WaterEdge
+from usvnet.geometry.horizon import flat_edge
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.keypoint_noise import KeypointNoise
 
@@ -98,9 +98,7 @@ def main(
 def joined_with_horizon(frame: Frame, edge_m: float | None) -> Frame | None:
     """The frame with the attitude that its camera and the horizon in its picture give together; None where none is."""
     camera = camera_to(frame.camera, dtype=torch.float64)
-    edge = None
-    if edge_m is not None:
-        edge = WaterEdge(torch.atan(camera.height_m / edge_m), torch.zeros_like(camera.height_m))
+    edge = None if edge_m is None else flat_edge(camera, edge_m)
     sight = find_horizon(read_picture(frame.image_path), camera, edge)
     if sight.attitude is None:
         return None

@@ -5,9 +5,9 @@ import torch
 from torch.autograd import gradcheck
 
 from usvnet.geometry.camera import with_attitude
-from usvnet.geometry.horizon import WaterEdge, attitude_from_edge, edge_px, sea_horizon
+from usvnet.geometry.horizon import WaterEdge, attitude_from_edge, edge_px, flat_edge, sea_horizon
 from usvnet.geometry.rays import level_rays
-from usvnet.geometry.water import horizon_dip_rad
+from usvnet.geometry.water import horizon_dip_rad, meet_water
 
 AZIMUTHS = torch.tensor([[-0.35, 0.35]], dtype=torch.float64)
 NO_NOISE = torch.zeros(1, 2, 2, dtype=torch.float64)
@@ -34,6 +34,16 @@ def test_edge_px_lies_at_the_dip_below_the_horizontal(camera):
     torch.testing.assert_close(
         torch.atan2(rays[0, :, 0], rays[0, :, 2]), torch.linspace(-0.4, 0.4, 9).double(), rtol=0, atol=1e-6
     )
+
+
+def test_a_row_of_flat_water_at_its_end_ranges_to_there(camera):
+    edge = flat_edge(camera, 400.0)
+    rays = level_rays(edge_px(camera, edge.depression_rad, AZIMUTHS), camera)
+    hit = meet_water(rays, camera.height_m[:, None], curved=False)
+    torch.testing.assert_close(
+        hit.slant_m, torch.hypot(camera.height_m, torch.tensor(400.0)).expand(1, 2), rtol=1e-4, atol=0
+    )
+    assert edge.std_rad.tolist() == [0.0]
 
 
 def test_leaving_out_the_dip_costs_the_dip(camera):

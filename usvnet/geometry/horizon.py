@@ -42,6 +42,11 @@ def sea_horizon(camera: Camera, refraction: float = REFRACTION, refraction_std: 
     return WaterEdge(dip, std)
 
 
+def flat_edge(camera: Camera, distance_m: float) -> WaterEdge:
+    """The edge of flat water that ends ``distance_m`` away from B cameras, as rendered water does; known exactly."""
+    return WaterEdge(torch.atan(camera.height_m / distance_m), torch.zeros_like(camera.height_m))
+
+
 def edge_px(camera: Camera, depression_rad: Tensor, azimuth_rad: Tensor) -> Tensor:
     """Pixels (B, P, 2) where the water's edge lies at azimuths (B, P) clockwise from the optical axis; NaN for none.
 
