@@ -54,7 +54,7 @@ ONLY_IN = {
     "cv2": [
         *("usvnet/geometry/calibration*.py", "usvnet/geometry/chessboard.py"),
         *("usvnet/data/*", "usvnet/evaluation/*", "usvnet/commands/*", "usvnet/visualize/*", "usvnet/callbacks.py"),
-        *("usvnet/deploy/sources.py", "usvnet/deploy/streams.py", "usvnet/deploy/annotated.py"),
+        *(f"usvnet/deploy/{name}.py" for name in ("sources", "streams", "annotated", "video_writer")),
         *("usvnet/simulator/*", "scripts/*", "integrations/ros2/usvnet_ros/images.py"),
     ],
     **dict.fromkeys(("mitsuba", "drjit", "pyoidn"), RENDERING),
