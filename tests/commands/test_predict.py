@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import signal
 
 import cv2
@@ -97,7 +98,7 @@ def test_a_folder_with_a_bad_picture(predict, folder, capsys):
     told = capsys.readouterr()
     assert "3 frames in" in told.out
     assert "frames per second" in told.out
-    assert "1 frames could not be read" in told.out
+    assert "1 frame could not be read" in told.out
     assert "2.png" in told.err
 
 
@@ -110,12 +111,13 @@ def test_a_glob_in_batches_is_the_same_as_a_folder(predict, folder):
         np.testing.assert_allclose(boxes, other_boxes, atol=0.01)
 
 
-def test_one_picture(predict, folder):
+def test_one_picture(predict, folder, capsys):
     out = predict(folder / "1.png", "--estimator", "box_bottom")
     meta, (frame,) = results(out)
     assert frame["image"] == "1.png"
     assert {boat["estimator"] for boat in frame["boats"]} == {meta["estimator"]} == {"box_bottom"}
     assert cv2.imread(str(out / "pictures" / "1.png")).shape == (128, 192, 3)
+    assert "1 frame in " in capsys.readouterr().out
 
 
 def test_a_picture_is_predicted_as_it_stands_upright(predict, tmp_path):
@@ -140,6 +142,35 @@ def test_a_video(predict, video):
     assert names(out) == ["predictions.csv", "predictions.jsonl", "video.mp4"]
     assert [frame["time_s"] for frame in frames] == pytest.approx([n / 10 for n in range(6)])
     assert length(out / "video.mp4") == 6
+
+
+def test_a_damaged_video_is_told_in_one_sentence_and_not_by_its_decoder(predict, video, capfd):
+    data = bytearray(video.read_bytes())
+    begin, end = data.find(b"mdat") + 4, data.find(b"moov") - 4
+    for place in range((begin + end) // 2, end, 97):
+        data[place] ^= 0xFF
+    video.write_bytes(data)
+    predict(video, "--save", "none")
+    said = capfd.readouterr()
+    assert " @ 0x" not in said.err
+    assert re.search(r"^the decoder complained \d+ times? \(first: .+\): some frames may be damaged$", said.out, re.M)
+    video.write_bytes(b"no video")
+    with pytest.raises(ValueError, match=r"sea\.mp4: not a video that OpenCV can read"):
+        predict(video)
+    assert capfd.readouterr().err == ""
+
+
+def test_files_are_looked_at_before_the_network(predict, folder):
+    with pytest.raises(FileNotFoundError, match="no file matches"):
+        predict(folder / "none.png", "--checkpoint", "no.ckpt")
+
+
+def test_a_glob_takes_the_pictures_among_other_files(predict, folder):
+    (folder / "notes.md").write_text("# no picture")
+    (folder / "3.png").rename(folder / "3.photo")  # known by its first bytes
+    assert [frame["image"] for frame in results(predict(folder / "*", "--save", "none"))[1]] == [
+        *("0.png", "1.png", "2.png", "3.photo")
+    ]
 
 
 def test_every_second_frame_as_pictures_without_the_chart(predict, video):
@@ -301,6 +332,10 @@ def test_a_source_that_does_not_fit_leaves_nothing(predict, folder, tmp_path):
         predict(folder)
     with pytest.raises(FileNotFoundError, match="no file matches"):
         predict(folder / "*.gif")
+    (folder / "notes.md").write_text("# no picture")
+    for source in ("notes.md", "*.md"):
+        with pytest.raises(ValueError, match=r"notes\.md: neither a picture \(.*\.jpg.* nor a video \(.*\.mp4"):
+            predict(folder / source)
     assert not (tmp_path / "out").exists()
 
 

@@ -162,7 +162,7 @@ def test_a_source_keeps_no_frame_that_was_handed_out(folder, video, told):
 def test_what_cannot_be_a_source_is_refused(tmp_path, told, source, sentence):
     (tmp_path / "empty").mkdir()
     (tmp_path / "text.mp4").write_text("no video")
-    (tmp_path / "text.txt").write_text("")
+    (tmp_path / "other.mp4").write_text("no video")
     with pytest.raises((ValueError, FileNotFoundError), match=sentence):
         open_files(str(tmp_path / source), told.append)
 

@@ -8,6 +8,7 @@ import cv2
 
 from usvnet.data.picture_files import find_picture_files
 from usvnet.data.pictures import Grey, read_grey
+from usvnet.deploy.decoder_talk import decoder_talk
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class Pictures:
             yield file.name, read_grey(file)
 
     def _open_video(self) -> cv2.VideoCapture:
-        video = cv2.VideoCapture(str(self.files[0]))
+        with decoder_talk():
+            video = cv2.VideoCapture(str(self.files[0]))
         if not video.isOpened():
             raise ValueError(f"{self.files[0]}: not a video that can be read")
         return video

@@ -14,18 +14,20 @@ from usvnet.checkpoints import sha256
 from usvnet.data.attitudes import AttitudeConfig
 from usvnet.deploy.annotated import annotated_pictures, annotated_video
 from usvnet.deploy.attitudes import FrameAttitudes
+from usvnet.deploy.decoder_talk import decoder_talk
 from usvnet.deploy.exported import ExportedModel
 from usvnet.deploy.outputs import Outputs, Writer, boat_table, json_lines
 from usvnet.deploy.predictor import Predictor, best_estimator, check_estimator, default_checkpoint
 from usvnet.deploy.run import Tally, predict_source, stopped_by_signals
 from usvnet.deploy.sources import Photographs, Source
-from usvnet.deploy.streams import LiveStream, open_source
+from usvnet.deploy.streams import LiveStream, is_stream, open_source
 from usvnet.deploy.track_files import mot_text, track_table
 from usvnet.deploy.tracking import BoatFollower
 from usvnet.evaluation.records import RANGE_CONFIDENCE
 from usvnet.files import Terminated
 from usvnet.tracking.tracker import TrackingConfig
 from usvnet.visualize.scene import SceneDrawer
+from usvnet.wording import counted
 
 LINES, TABLE, VIDEO, PICTURES = "predictions.jsonl", "predictions.csv", "video.mp4", "pictures"
 TRACK_TABLE, MOT_TEXT = "tracks.csv", "tracks.txt"
@@ -103,48 +105,52 @@ def predict(
     if checkpoint is not None and model is not None:
         raise ValueError("checkpoint and model: got both, expected one of them")
     weights = model or checkpoint or default_checkpoint()
-    exported = ExportedModel(weights, device) if model else None
-    if confidence is None:
-        confidence = exported.score_threshold if exported else RANGE_CONFIDENCE
-    predictor = Predictor(exported or weights, camera, hull, image_size, confidence, device)
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
-    predictor.warm_up()
-    attitudes = FrameAttitudes(AttitudeConfig(attitude, imu_offset_s), imu)
-    frames = open_source(source, console.print, every, fps)
-    if isinstance(frames, Photographs) and fps is None:
+    with decoder_talk() as talk:
+        # files are looked at before the network gets ready, which takes seconds; a stream's frames would grow old
+        files = None if is_stream(source) else open_source(source, console.print, every, fps)
         for name, wanted in (("imu", imu is not None), ("track", track)):
-            if wanted:
+            if wanted and isinstance(files, Photographs) and fps is None:
                 raise ValueError(f"{name}: {source}: pictures have no time, expected their fps, a video or a stream")
-    follower = BoatFollower(estimator, tracking) if track else None
-    meta = {
-        "program": f"usvnet predict {__version__}",
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "source": frames.name,
-        "every": every,
-        "fps": fps,
-        "camera": str(camera),
-        "camera_sha256": sha256(camera),
-        "checkpoint": str(weights),
-        "checkpoint_sha256": sha256(weights),
-        "hull": None if hull is None else str(hull),
-        "attitude": attitude,
-        "imu": None if imu is None else str(imu),
-        "imu_offset_s": imu_offset_s,
-        "image_size": predictor.image_size,
-        "confidence": confidence,
-        "estimator": estimator,
-        "tracking": asdict(tracking) if track else None,
-    }
-    writers = _writers(frames, output, meta, estimator, save, SceneDrawer(estimator, show_topdown), track)
-    with Outputs(writers) as outputs, stopped_by_signals(frames) as signals, _progress(console) as progress:
-        task = progress.add_task("predicting", total=_fewer(frames.total, max_frames), pace="")
+        exported = ExportedModel(weights, device) if model else None
+        if confidence is None:
+            confidence = exported.score_threshold if exported else RANGE_CONFIDENCE
+        predictor = Predictor(exported or weights, camera, hull, image_size, confidence, device)
+        attitudes = FrameAttitudes(AttitudeConfig(attitude, imu_offset_s), imu)
+        follower = BoatFollower(estimator, tracking) if track else None
+        predictor.warm_up()
+        frames = files or open_source(source, console.print, every, fps)
+        meta = {
+            "program": f"usvnet predict {__version__}",
+            "started": datetime.now(UTC).isoformat(timespec="seconds"),
+            "source": frames.name,
+            "every": every,
+            "fps": fps,
+            "camera": str(camera),
+            "camera_sha256": sha256(camera),
+            "checkpoint": str(weights),
+            "checkpoint_sha256": sha256(weights),
+            "hull": None if hull is None else str(hull),
+            "attitude": attitude,
+            "imu": None if imu is None else str(imu),
+            "imu_offset_s": imu_offset_s,
+            "image_size": predictor.image_size,
+            "confidence": confidence,
+            "estimator": estimator,
+            "tracking": asdict(tracking) if track else None,
+        }
+        writers = _writers(frames, output, meta, estimator, save, SceneDrawer(estimator, show_topdown), track)
+        with Outputs(writers) as outputs, stopped_by_signals(frames) as signals, _progress(console) as progress:
+            task = progress.add_task("predicting", total=_fewer(frames.total, max_frames), pace="")
 
-        def watch(tally: Tally) -> None:
-            progress.update(task, completed=tally.frames, pace=f"{tally.frames_per_s:.1f} frames/s")
+            def watch(tally: Tally) -> None:
+                progress.update(task, completed=tally.frames, pace=f"{tally.frames_per_s:.1f} frames/s")
 
-        options = (batch_size, max_frames, watch, attitudes.turn, follower.follow if follower else None)
-        tally = predict_source(frames, predictor, outputs, estimator, console.print, *options)
+            options = (batch_size, max_frames, watch, attitudes.turn, follower.follow if follower else None)
+            tally = predict_source(frames, predictor, outputs, estimator, console.print, *options)
     _tell(frames, predictor, tally, estimator)
+    if talk.complaints:
+        print(talk.told())
     if attitudes.outcomes:
         print("attitude: " + ", ".join(f"{what} {count}" for what, count in attitudes.outcomes.most_common()))
     if follower:
@@ -192,20 +198,21 @@ def _tell(source: Source, predictor: Predictor, tally: Tally, estimator: str) ->
     """Print what came out, what it took and what was lost."""
     if tally.frames:
         stages = ", ".join(f"{name} {1000 * spent / tally.frames:.1f}" for name, spent in tally.seconds.items())
-        seconds = tally.frames / tally.frames_per_s
-        print(f"{tally.frames} frames in {seconds:.1f} s: {tally.frames_per_s:.1f} frames per second ({stages} ms)")
+        seconds, frames = tally.frames / tally.frames_per_s, counted(tally.frames, "frame")
+        print(f"{frames} in {seconds:.1f} s: {tally.frames_per_s:.1f} frames per second ({stages} ms)")
         reach = f", from {tally.nearest_m:.1f} to {tally.farthest_m:.1f} m" if tally.ranged else ""
-        print(f"{tally.boats} boats, {tally.ranged} of them ranged by {estimator}{reach}")
+        print(f"{counted(tally.boats, 'boat')}, {tally.ranged} of them ranged by {estimator}{reach}")
     native = tuple(int(side) for side in predictor.camera.size_px[0])
     scaled = [f"{width} x {height}" for width, height in predictor.sizes_px if (width, height) != native]
     if scaled:
         print(f"{predictor.camera_name}: scaled from {native[0]} x {native[1]} to pictures of {', '.join(scaled)}")
     losses = source.losses
-    for count, what in (
-        (losses.unreadable, "frames could not be read"),
-        (tally.misfits, "pictures do not have the camera's shape"),
-        (losses.overtaken, "frames of the stream were overtaken by newer ones"),
-        (losses.interruptions, "times the stream broke off"),
-    ):
+    for count, what, many in (
+        (losses.unreadable, "frame could not be read", "frames could not be read"),
+        (tally.misfits, "picture does not have the camera's shape", "pictures do not have the camera's shape"),
+        (losses.overtaken, "frame of the stream was overtaken by a newer one",
+         "frames of the stream were overtaken by newer ones"),
+        (losses.interruptions, "time the stream broke off", "times the stream broke off"),
+    ):  # fmt: skip
         if count:
-            print(f"{count} {what}")
+            print(counted(count, what, many))

@@ -4,8 +4,13 @@ from glob import glob
 from pathlib import Path
 from typing import NamedTuple
 
+import cv2
+
 PICTURE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
-VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".wmv"}
+VIDEO_SUFFIXES = {
+    *(".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".wmv"),
+    *(".mts", ".m2ts", ".3gp", ".flv"),
+}
 
 
 class PictureFiles(NamedTuple):
@@ -19,9 +24,11 @@ class PictureFiles(NamedTuple):
 def find_picture_files(source: str) -> PictureFiles:
     """Photographs by name or by a glob, all photographs of a folder, or one video.
 
+    Of what a glob matches only pictures and videos count, as of a folder only pictures do.
+
     Raises:
         FileNotFoundError: nothing there.
-        ValueError: a video among several files.
+        ValueError: a video among several files, or what is neither a picture nor a video.
     """
     path = Path(source).expanduser()
     if path.is_dir():
@@ -34,9 +41,19 @@ def find_picture_files(source: str) -> PictureFiles:
     if not files:
         what = "no pictures in the folder" if path.is_dir() else "no file matches"
         raise FileNotFoundError(f"{what} {source!r}")
+    known = [file for file in files if file.suffix.lower() in PICTURE_SUFFIXES | VIDEO_SUFFIXES or _is_picture(file)]
+    if not known:
+        pictures, films = (", ".join(sorted(suffixes)) for suffixes in (PICTURE_SUFFIXES, VIDEO_SUFFIXES))
+        raise ValueError(f"{files[0]}: neither a picture ({pictures}) nor a video ({films}), expected one of these")
+    files = known
     videos = [file for file in files if file.suffix.lower() in VIDEO_SUFFIXES]
     if videos and len(files) > 1:
         raise ValueError(
             f"{source!r} matches {len(files)} files, {videos[0]} among them: give one video or only photos"
         )
     return PictureFiles(tuple(sorted(files)), bool(videos))
+
+
+def _is_picture(path: Path) -> bool:
+    """Whether OpenCV knows a file of another suffix by its first bytes."""
+    return bool(cv2.haveImageReader(str(path)))

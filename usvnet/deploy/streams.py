@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import cv2
 
 from usvnet.deploy.sources import Capture, Frame, Source, Tell, VideoFile, check_every, decoded, is_address, open_files
+from usvnet.wording import counted
 
 PROTOCOLS = ("rtsp", "rtsps", "http", "https", "rtmp", "udp", "tcp", "rtp", "srt")
 OPEN_TIMEOUT_MS, READ_TIMEOUT_MS = 10_000, 5_000
@@ -124,7 +125,7 @@ class LiveStream(Source):
         self.capture.release()
         if attempt == len(self.waits_s):
             self.given_up = True
-            self.tell(f"{self.name} is given up after {attempt} attempts")
+            self.tell(f"{self.name} is given up after {counted(attempt, 'attempt')}")
             return False
         wait_s = self.waits_s[attempt]
         self.tell(f"{self.name} broke off: attempt {attempt + 1} of {len(self.waits_s)} in {wait_s:g} s")
@@ -149,7 +150,7 @@ def open_source(source: str, tell: Tell, every: int = 1, fps: float | None = Non
         ValueError: not a video, a protocol that is not known, ``every`` below 1, or ``fps`` of what has its own pace.
     """
     check_every(every)
-    if fps is not None and (source.isdecimal() or is_address(source)):
+    if fps is not None and is_stream(source):
         raise ValueError(f"fps: {source} has its own pace, expected pictures")
     if source.isdecimal():
         return LiveStream(f"webcam {source}", lambda: cv2.VideoCapture(int(source)), tell, every)
@@ -162,6 +163,11 @@ def open_source(source: str, tell: Tell, every: int = 1, fps: float | None = Non
     if stream.capture.get(cv2.CAP_PROP_FRAME_COUNT) > 0:  # a file on the web has an end, a stream has none
         return VideoFile(stream.name, stream.capture, tell, every)
     return stream
+
+
+def is_stream(source: str) -> bool:
+    """Whether ``source`` is the number of a webcam or an address, and not files."""
+    return source.isdecimal() or is_address(source)
 
 
 def without_password(address: str) -> str:
