@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+import torch
 
 from usvnet import cli
 from usvnet.data.reader import read_dataset
@@ -13,6 +14,7 @@ from usvnet.evaluation.predictions import PicturePrediction, write_predictions
 from usvnet.evaluation.range_metrics import score_range
 from usvnet.evaluation.records import BoatRecord, RangeRecord
 from usvnet.evaluation.reranging import native_cases, range_cases
+from usvnet.geometry.camera_files import load_camera, save_camera
 from usvnet.geometry.ranging import RangingLayer
 
 
@@ -44,6 +46,17 @@ def test_a_camera_file_becomes_tables_and_plots(config, tmp_path, capsys):
     curves = {(row["source"], row["distance_m"], row["estimator"]): row for row in rows_of(out / "curves.csv")}
     assert float(curves["height_m", "10", "waterline"]["exact"]) == pytest.approx(0.02, rel=1e-5)
     assert {row["source"] for row in rows_of(out / "errors.csv")} == {"focal_px", "height_m", "keypoint_px"}
+
+
+def test_standard_deviations_of_a_calibration_are_told_in_three_digits(config, tmp_path, root, capsys):
+    camera = load_camera(root / "data" / "sample" / "cameras" / "cam_a.yaml")
+    found = camera._replace(pitch_std_rad=torch.deg2rad(torch.tensor([0.0837432])), focal_std_px=torch.tensor([1234.5]))
+    save_camera(found, tmp_path / "camera.yaml")
+    options = ["--camera", str(tmp_path / "camera.yaml"), "--output", str(tmp_path / "out")]
+    cli.run(["sensitivity", "--config", str(config), *options])
+    said = capsys.readouterr().out
+    assert "pitch 0.0837 deg costs" in said
+    assert "focal length 1230 px costs" in said
 
 
 def boat_of(frame, ranges):

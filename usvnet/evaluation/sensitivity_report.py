@@ -22,8 +22,8 @@ FIRST_ORDER_NOTE = "lines: first order; dots: through the real geometry"
 
 
 def amount_text(source: str, amount: float) -> str:
-    """``0.3 deg`` of ``pitch_deg``; a number alone where there is no unit."""
-    return f"{amount:g} {DISTURBANCES[source].unit}".strip()
+    """``0.3 deg`` of ``pitch_deg``, to three digits; a number alone where there is no unit."""
+    return f"{float(f'{amount:.3g}'):g} {DISTURBANCES[source].unit}".strip()
 
 
 def source_text(source: str, amount: float) -> str:

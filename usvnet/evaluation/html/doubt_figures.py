@@ -57,7 +57,7 @@ def budget_figure(study: CameraStudy) -> Figure:
         for name in ESTIMATORS
     ]
     sources = list(dict.fromkeys((cost.source, cost.amount) for cost in study.budget if cost.source != ALL))
-    texts = [source_text(source, float(f"{amount:.2g}")) for source, amount in sources]
+    texts = [source_text(source, amount) for source, amount in sources]
     keys = [Key(LINE, f"--c{n}", text) for n, text in enumerate(texts)]
     caption = (
         f"Error budget of the camera ({study.camera}), one standard deviation: what each thing costs that its file "
