@@ -216,6 +216,31 @@ def test_moving_average_by_hand():
     assert counters[0] == 7
 
 
+class AverageByHand(Callback):
+    """The average of one weight and of one statistic, from their values after every step."""
+
+    NAMES = ("model.network.backbone.stem.conv.weight", "model.network.backbone.stem.norm.running_mean")
+
+    def __init__(self) -> None:
+        self.averages: dict[str, torch.Tensor] = {}
+
+    def on_train_batch_end(self, trainer, pl_module, *_):
+        decay = 0.9 * (1 - math.exp(-(trainer.global_step - 1) / 10.0))
+        for name in self.NAMES:
+            current = pl_module.state_dict()[name].clone()
+            self.averages[name] = decay * self.averages.get(name, current) + (1 - decay) * current
+
+
+def test_every_step_moves_the_average(tmp_path):
+    by_hand = AverageByHand()
+    trainer(tmp_path, 2, by_hand).fit(module(), loader(2, pictures=2))
+    checkpoint = torch.load(tmp_path / "last.ckpt", weights_only=True)
+    for name, average in by_hand.averages.items():
+        torch.testing.assert_close(checkpoint["state_dict"][name], average)
+    assert checkpoint["averaging_state"]["n_averaged"] == 4
+    assert checkpoint["state_dict"]["model.network.backbone.stem.norm.num_batches_tracked"] == 4
+
+
 @pytest.mark.parametrize("setting", [{"ema_decay": 1.0}, {"ema_ramp_steps": 0.0}])
 def test_an_impossible_average_is_named(setting):
     with pytest.raises(ValueError, match=next(iter(setting))):
