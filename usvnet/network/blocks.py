@@ -12,26 +12,36 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 
+class Pointwise(nn.Conv2d):
+    """A 1 x 1 convolution, which trains on a CPU as one core computes it fastest: as the matrix product that it is."""
+
+    def __init__(self, c_in: int, c_out: int, bias: bool = True):
+        super().__init__(c_in, c_out, 1, bias=bias)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, c_in, H, W) -> (B, c_out, H, W); channels_last needs no copies."""
+        if self.training and x.device.type == "cpu":
+            weight = self.weight.permute(0, 2, 3, 1).flatten(1)  # so that its gradient is channels_last, as it is
+            return functional.linear(x.permute(0, 2, 3, 1), weight, self.bias).permute(0, 3, 1, 2)
+        return self._conv_forward(x, self.weight, self.bias)
+
+
 class Conv(nn.Module):
     """Convolution, batch normalisation and SiLU, the atom of the whole network."""
 
     def __init__(self, c_in: int, c_out: int, kernel: int = 1, stride: int = 1, groups: int = 1, act: bool = True):
         super().__init__()
-        self.conv = nn.Conv2d(c_in, c_out, kernel, stride, kernel // 2, groups=groups, bias=False)
+        self.conv: nn.Conv2d
+        if kernel == 1 and stride == 1 and groups == 1:
+            self.conv = Pointwise(c_in, c_out, bias=False)
+        else:
+            self.conv = nn.Conv2d(c_in, c_out, kernel, stride, kernel // 2, groups=groups, bias=False)
         self.norm = nn.BatchNorm2d(c_out, eps=1e-3, momentum=0.03)
         self.act = nn.SiLU() if act else nn.Identity()  # in place, the backward pass would need a copy of its input
-        self.pointwise = kernel == 1 and stride == 1 and groups == 1
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, c_in, H, W) -> (B, c_out, H / stride, W / stride)."""
-        if self.pointwise and self.training and x.device.type == "cpu":
-            return self.act(self.norm(self._matrix_product(x)))
         return self.act(self.norm(self.conv(x)))
-
-    def _matrix_product(self, x: Tensor) -> Tensor:
-        """The 1 x 1 convolution as one core computes it fastest, there and back; channels_last needs no copies."""
-        weight = self.conv.weight.permute(0, 2, 3, 1).flatten(1)  # so that its gradient is channels_last, as it is
-        return functional.linear(x.permute(0, 2, 3, 1), weight).permute(0, 3, 1, 2)
 
 
 class Bottleneck(nn.Module):

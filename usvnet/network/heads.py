@@ -6,7 +6,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from usvnet.network.blocks import Conv
+from usvnet.network.blocks import Conv, Pointwise
 
 STRIDES_PX = (8, 16, 32, 64)
 """Of the pyramid's levels; all families but YOLOv8-P6 have the first three."""
@@ -40,21 +40,21 @@ class PoseLevel(nn.Module):
         depthwise_score: bool,
     ):
         super().__init__()
-        self.box = nn.Sequential(Conv(c_in, c_box, 3), Conv(c_box, c_box, 3), nn.Conv2d(c_box, 4 * BOX_BINS, 1))
+        self.box = nn.Sequential(Conv(c_in, c_box, 3), Conv(c_box, c_box, 3), Pointwise(c_box, 4 * BOX_BINS))
         if depthwise_score:
             self.score = nn.Sequential(
                 Conv(c_in, c_in, 3, groups=c_in),
                 Conv(c_in, c_class),
                 Conv(c_class, c_class, 3, groups=c_class),
                 Conv(c_class, c_class),
-                nn.Conv2d(c_class, num_classes, 1),
+                Pointwise(c_class, num_classes),
             )
         else:
             self.score = nn.Sequential(
-                Conv(c_in, c_class, 3), Conv(c_class, c_class, 3), nn.Conv2d(c_class, num_classes, 1)
+                Conv(c_in, c_class, 3), Conv(c_class, c_class, 3), Pointwise(c_class, num_classes)
             )
         self.keypoint = nn.Sequential(
-            Conv(c_in, c_keypoint, 3), Conv(c_keypoint, c_keypoint, 3), nn.Conv2d(c_keypoint, 3 * num_keypoints, 1)
+            Conv(c_in, c_keypoint, 3), Conv(c_keypoint, c_keypoint, 3), Pointwise(c_keypoint, 3 * num_keypoints)
         )
 
     def forward(self, x: Tensor) -> Tensor:
@@ -147,9 +147,7 @@ class HeatmapHead(nn.Module):
         hidden = max(32, c_stride8 // 2)
         self.fine = Conv(c_stride4, hidden)
         self.coarse = nn.Sequential(Conv(c_stride8, hidden), nn.Upsample(scale_factor=2.0, mode="bilinear"))
-        self.heatmap = nn.Sequential(
-            Conv(hidden, hidden, 3), Conv(hidden, hidden, 3), nn.Conv2d(hidden, num_keypoints, 1)
-        )
+        self.heatmap = nn.Sequential(Conv(hidden, hidden, 3), Conv(hidden, hidden, 3), Pointwise(hidden, num_keypoints))
 
     def forward(self, stride4: Tensor, stride8: Tensor) -> Tensor:
         """(B, c, H / 4, W / 4) and (B, c, H / 8, W / 8) -> logits (B, K, H / 4, W / 4)."""
