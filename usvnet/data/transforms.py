@@ -132,7 +132,7 @@ def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def turn_matrix(K: NDArray[np.float64], angle_rad: float) -> Affine:
-    """Say where the pixels of a camera with ``K`` (3, 3) go when it turns about its optical axis as :func:`turn_camera`.
+    """Say where the pixels of a camera with ``K`` (3, 3) go when :func:`turn_camera` turns it.
 
     The picture turns the other way, about the principal point: A = K Rz(-angle) K^-1.
     """
