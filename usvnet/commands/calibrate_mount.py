@@ -4,9 +4,11 @@ import math
 from pathlib import Path
 from typing import Literal
 
+import torch
 from rich.console import Console
 from rich.table import Table
 
+from usvnet.commands.mount_from_boats import mount_from_boats
 from usvnet.geometry.camera import camera_to
 from usvnet.geometry.camera_files import load_camera, save_camera
 from usvnet.geometry.mount_fit import CHANCE, HEADING, NAMES, MountFit, fit_mount
@@ -24,6 +26,7 @@ def calibrate_mount(
     *,
     camera: str,
     output: str,
+    hull: Path | None = None,
     hold: str = "",
     priors: bool = True,
     overwrite: bool = False,
@@ -35,10 +38,14 @@ def calibrate_mount(
     below the camera); or, with kind = horizon, a point of the sea's horizon (u_px, v_px). pixel_std_px says how well a
     pixel was picked (1 if left out), image is any text. Ranges near and far, to the left and right, tell most.
 
+    Without any reading, pitch and roll of a fixed camera can be found from a boat of known hull that was driven about
+    before it, near, far and aside: give the predictions.jsonl that usvnet predict wrote of it, and its hull.
+
     Args:
-        readings: The CSV file.
+        readings: The CSV file, or predictions.jsonl.
         camera: Camera file with the calibrated lens and a first guess of the mount.
         output: Camera file to write: the same lens, the mount that was found, and its sigmas.
+        hull: Hull file of the boats in predictions.jsonl.
         hold: What is not to be found but taken from the camera file, e.g. height,roll.
         priors: Let the mount in the camera file count as far as its sigmas go; a sigma of 0 is taken as not known.
         overwrite: Let the output be a file that exists, such as the camera file itself.
@@ -56,24 +63,33 @@ def calibrate_mount(
         raise ValueError(f"output must end in .yaml or .yml, got {output!r}")
     if target.exists() and not overwrite:
         raise ValueError(f"{target}: is there already; choose another output, or add --overwrite")
+    before, console = load_camera(camera), Console(soft_wrap=True)
+    if Path(readings).suffix == ".jsonl":
+        if hull is None or held or not priors:
+            raise ValueError(f"{readings}: predictions need --hull, and take neither --hold nor --priors false")
+        write_mount(mount_from_boats(Path(readings), before, hull, console), camera, target, console)
+        return
+    if hull is not None:
+        raise ValueError(f"hull: readings name their places; it goes with predictions.jsonl, got {readings}")
     rows = read_mount_readings(readings)
-    before = load_camera(camera)
     try:
         fit = fit_mount(rows, before, held, priors)
     except ValueError as error:
         raise ValueError(f"{readings}: {error}") from None
 
-    console = Console(soft_wrap=True)
     console.print(_residual_table(rows, fit))
     console.print(_mount_table(before, fit, held))
     for sentence in _cautions(before, fit, held, priors):
         console.print(f"[yellow]caution[/]: {sentence}")
-    save_camera(camera_to(fit.camera, dtype=before.K.dtype), target, _style(camera), name=target.stem)
+    write_mount(fit.camera, camera, target, console)
+
+
+def write_mount(mounted: Camera, camera: str, target: Path, console: Console) -> None:
+    """Write a camera file in the style of the one that the camera came from."""
+    opencv = Path(camera).read_text(encoding="utf-8").startswith("%YAML:")
+    style: Literal["ros", "opencv"] = "opencv" if opencv else "ros"
+    save_camera(camera_to(mounted, dtype=torch.float32), target, style, name=target.stem)
     console.print(f"wrote {target}")
-
-
-def _style(camera: str) -> Literal["ros", "opencv"]:
-    return "opencv" if Path(camera).read_text(encoding="utf-8").startswith("%YAML:") else "ros"
 
 
 def _residual_table(rows: list[MountReading], fit: MountFit) -> Table:
