@@ -114,7 +114,7 @@ def test_bad_input_is_one_clear_sentence(photos, tmp_path):
     with pytest.raises(ValueError, match=r"no 10x7 board found in any of 2 pictures, but board0.png shows a 9x6 one"):
         run(photos / "board[01].png", tmp_path, board="10x7")
     with pytest.raises(
-        ValueError, match="a whole 9x6 board was found in 1 of 1 pictures, a calibration needs at least 3"
+        ValueError, match="a whole 9x6 board was found in 1 of 1 picture, a calibration needs at least 3"
     ):
         run(photos / "board2.png", tmp_path)
     with pytest.raises(ValueError, match="square_mm must be above 0 millimetres, got -25"):

@@ -13,7 +13,8 @@ from usvnet.evaluation.html.page import render_page, write_page
 from usvnet.evaluation.html.svg import THEME
 from usvnet.evaluation.records import ESTIMATORS
 
-from .pages import NASTY_NAME, NASTY_SCENE, Page, fifteen_boats, nothing_of
+from .boats import boat, truth
+from .pages import NASTY_NAME, NASTY_SCENE, Page, evaluation, fifteen_boats, nothing_of
 
 SECTIONS = ("pose", "range", "errors", "intervals", "worst", "sensitivity", "configuration")
 PANELS = 2 + len(ESTIMATORS) + 2 * 2 + len(ESTIMATORS) + len(ESTIMATORS) + 6
@@ -76,6 +77,36 @@ def test_identifiers_are_unique_and_all_that_is_pointed_at_exists(page, text):
     assert len(identifiers) == len(set(identifiers))
     pointed_at = set(re.findall(r"url\(#([^)]*)\)", text)) | {use["href"].removeprefix("#") for use in page.all("use")}
     assert pointed_at <= set(identifiers)
+
+
+def test_key_figures_fill_their_rows(page, text):
+    """The grid of twelve columns is made for four figures of poses and three of ranges."""
+    style = text.split("</style>")[0].split("@media (min-width: 44rem)")[1]
+    columns = int(re.search(r"key-figures { grid-template-columns: repeat\((\d+),", style)[1])
+    first = int(re.search(r"key-figures div { grid-column: span (\d+)", style)[1])
+    from_place, later = map(int, re.search(r"div:nth-child\(n \+ (\d+)\) { grid-column: span (\d+)", style).groups())
+    figures = len(page.all("dt"))
+    assert figures == 7
+    assert (from_place - 1) * first == (figures - from_place + 1) * later == columns
+
+
+@pytest.mark.parametrize(
+    ("title", "lines"),
+    [
+        ("pitch 0.3 deg", ["pitch", "0.3 deg"]),
+        ("focal length -20 px", ["focal length", "-20 px"]),
+        ("95th percentile", ["95th", "percentile"]),
+        ("all, Monte Carlo", ["all, Monte", "Carlo"]),
+        ("n", ["n"]),
+    ],
+)
+def test_titles_of_columns_break_before_a_number_and_its_unit(title, lines):
+    assert page_room.in_two_lines(title) == lines
+
+
+def test_one_picture_is_not_many(tmp_path, without_study):
+    told = Page(render_page(evaluation(tmp_path, 1, lambda n, of: [boat(of)], lambda n: [truth(range_m=10.0)])))
+    assert any(text.startswith("1 picture of the split test, 1 labelled boat, 1 with a laser") for text in told.texts)
 
 
 def test_figures_take_their_colours_from_the_page(text):

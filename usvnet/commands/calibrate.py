@@ -30,6 +30,7 @@ from usvnet.geometry.chessboard import (
     find_views,
     parse_board,
 )
+from usvnet.wording import counted
 
 
 def calibrate(
@@ -143,7 +144,8 @@ def _tell_findings(console: Console, findings: Findings, board: str) -> None:
     counts = ", ".join(f"{name} {len(views)}" for name, views in findings.views.items())
     width, height = findings.size_px
     repeated = f", {findings.num_repeated} repeated a view and were skipped" if findings.num_repeated else ""
-    console.print(f"{findings.num_pictures} pictures of {width}x{height} px; whole boards found: {counts}{repeated}")
+    pictures = counted(findings.num_pictures, "picture")
+    console.print(f"{pictures} of {width}x{height} px; whole boards found: {counts}{repeated}")
     if findings.missed:
         shown = ", ".join(findings.missed[:8]) + (" ..." if len(findings.missed) > 8 else "")
         console.print(f"no whole {board} board in {len(findings.missed)}: {shown}")
@@ -156,7 +158,7 @@ def _check_enough(findings: Findings, pictures: Pictures, corners: Board, board:
         return
     if most:
         raise ValueError(
-            f"a whole {board} board was found in {most} of {findings.num_pictures} pictures, "
+            f"a whole {board} board was found in {most} of {counted(findings.num_pictures, 'picture')}, "
             f"a calibration needs at least {MIN_VIEWS} different ones"
         )
     fewer = (corners[0] - 1, corners[1] - 1)
@@ -166,7 +168,7 @@ def _check_enough(findings: Findings, pictures: Pictures, corners: Board, board:
             if find_corners(grey, fewer, "classic") is not None:
                 hint = f", but {name} shows a {fewer[0]}x{fewer[1]} one: count the inner corners, not the squares"
                 break
-    raise ValueError(f"no {board} board found in any of {findings.num_pictures} pictures{hint}")
+    raise ValueError(f"no {board} board found in any of {counted(findings.num_pictures, 'picture')}{hint}")
 
 
 def _tell_result(console: Console, result: CalibrationResult) -> None:

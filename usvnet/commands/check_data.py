@@ -12,6 +12,7 @@ from usvnet.data.conversion import TITLES, detect_format
 from usvnet.data.formats.ranges import FrameNotes, read_tables
 from usvnet.data.reader import read_cameras
 from usvnet.data.records import Faults, Frame
+from usvnet.wording import counted
 
 
 def check_data(directory: str, *, output: str = "labels.png") -> None:
@@ -51,7 +52,7 @@ def check_data(directory: str, *, output: str = "labels.png") -> None:
     for fault in faults:
         console.print(f"fault: {fault}", markup=False, highlight=False, soft_wrap=True)
     if faults:
-        raise ValueError(f"{len(faults)} {'fault' if len(faults) == 1 else 'faults'} in {directory}")
+        raise ValueError(f"{counted(len(faults), 'fault')} in {directory}")
 
 
 def camera_names(root: Path, frames: dict[str, list[Frame]]) -> dict[str, str]:

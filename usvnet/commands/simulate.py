@@ -11,6 +11,7 @@ from usvnet.simulator.engine import check_installed, choose_engine, slow_engine_
 from usvnet.simulator.engine import doctor as examine_machine
 from usvnet.simulator.run import RENDERER, Summary, simulate_dataset
 from usvnet.types import Camera
+from usvnet.wording import counted
 
 SHEET = "contact_sheet.png"
 SHOWN_FAILURES = 8
@@ -75,7 +76,7 @@ def simulate(
     if summary.failed:
         shown = ", ".join(str(number) for number in sorted(summary.failed)[:SHOWN_FAILURES])
         more = " ..." if len(summary.failed) > SHOWN_FAILURES else ""
-        failed = f"{len(summary.failed)} of {summary.asked} frames failed"
+        failed = f"{len(summary.failed)} of {counted(summary.asked, 'frame')} failed"
         raise ValueError(f"{failed} ({shown}{more}): the same command tries them again, the others are in {out}")
 
 
@@ -86,8 +87,8 @@ def finish_dataset(root: Path, cameras: dict[str, Camera]) -> None:
 
 
 def _tell(console: Console, summary: Summary, out: str) -> None:
-    before = f", {summary.whole} were there before" if summary.whole else ""
-    console.print(f"{summary.rendered} of {summary.asked} frames rendered{before}")
+    before = f", {counted(summary.whole, 'was', 'were')} there before" if summary.whole else ""
+    console.print(f"{summary.rendered} of {counted(summary.asked, 'frame')} rendered{before}")
     if summary.rendered and summary.seconds:
         steps = ", ".join(f"{step} {seconds / summary.rendered:.2f}" for step, seconds in summary.seconds.items())
         console.print(f"processor seconds a frame: {sum(summary.seconds.values()) / summary.rendered:.1f} ({steps})")

@@ -11,6 +11,7 @@ from usvnet.sweep.local import default_parallel, run_locally
 from usvnet.sweep.plan import claim_folder, plan_runs
 from usvnet.sweep.ray_tune import run_with_ray
 from usvnet.sweep.report import REPORT, finished_runs, print_tables, write_report
+from usvnet.wording import counted
 
 
 def sweep(
@@ -55,13 +56,15 @@ def sweep(
                 else:
                     failed = run_locally(left, parallel or default_parallel(), board)
         except KeyboardInterrupt:
-            console.print(f"{len(finished_runs(runs))} of {len(runs)} runs are finished, the same command goes on")
+            console.print(
+                f"{len(finished_runs(runs))} of {counted(len(runs), 'run')} finished, the same command goes on"
+            )
             raise
         print_tables(write_report(runs, folder, config))
     if failed:
         first, reason = next(iter(failed.items()))
         raise ValueError(
-            f"{len(failed)} of {len(runs)} runs failed, the first of them {first}: {reason} "
+            f"{len(failed)} of {counted(len(runs), 'run')} failed, the first of them {first}: {reason} "
             f"(see {folder / first / 'log.txt'}; the same command tries them again)"
         )
     console.print(f"written to {folder}: {REPORT}, tables and a figure", soft_wrap=True)

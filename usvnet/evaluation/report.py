@@ -14,6 +14,7 @@ from usvnet.evaluation.scores import Scores
 from usvnet.evaluation.tables import Cell, Column, Table
 from usvnet.evaluation.uncertainty_report import floor_csv, floor_table, interval_csv, interval_table
 from usvnet.files import atomic_write
+from usvnet.wording import counted
 
 ALL = "all"
 TERMINAL_COLUMNS = 96
@@ -91,7 +92,7 @@ def keypoint_table(scores: Scores) -> Table:
         columns=[Column("Keypoint"), Column("n"), Column("median", digits=2), Column("95th percentile", digits=2)],
         rows=[[name, e.n, e.median_px, e.p95_px] for name, e in errors.items()],
         strong=frozenset({len(errors) - 1}),
-        note=f"Of {scores.keypoints.matched} matched boats, {scores.keypoints.missed} missed; "
+        note=f"{counted(scores.keypoints.matched, 'boat')} matched, {scores.keypoints.missed} missed; "
         "keypoints seen, or hidden inside the picture.",
     )
 

@@ -14,6 +14,7 @@ from usvnet.evaluation.records import ESTIMATORS, FloatArray
 from usvnet.evaluation.tables import Cell, Column, Table
 from usvnet.files import atomic_write
 from usvnet.intervals import Z_90
+from usvnet.wording import counted
 
 ALL = "all"
 BEFORE, AFTER = "before", "calibrated"
@@ -87,7 +88,9 @@ def draw_reliability_panel(panel: Axes, ranged: Sequence[RangedBoat], scores: In
     """Draw the reliability of one estimator, with labelled lines."""
     errors = scores.overall[estimator]
     panel.plot([0, 100], [0, 100], color="0.5", linewidth=1)
-    panel.set(title=f"{estimator}, {errors.n} boats", xlabel="nominal coverage, %", xlim=(0, 100), ylim=(0, 100))
+    panel.set(
+        title=f"{estimator}, {counted(errors.n, 'boat')}", xlabel="nominal coverage, %", xlim=(0, 100), ylim=(0, 100)
+    )
     panel.set_box_aspect(1)
     panel.grid(alpha=0.3)
     if errors.n:
@@ -141,5 +144,6 @@ def _halves(scores: IntervalScores, estimator: str, errors: IntervalErrors) -> l
 def _calibration(scores: IntervalScores) -> str:
     known = {name: boats for name, boats in scores.calibration_boats.items() if boats}
     missing = [name for name in ESTIMATORS if name not in known]
-    told = f"Calibrated on {', '.join(f'{boats} boats ({name})' for name, boats in known.items())}. " if known else ""
+    counts = ", ".join(f"{counted(boats, 'boat')} ({name})" for name, boats in known.items())
+    told = f"Calibrated on {counts}. " if known else ""
     return told + (f"Not calibrated, factor 1: {', '.join(missing)}." if missing else "")

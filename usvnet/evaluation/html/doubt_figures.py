@@ -21,6 +21,7 @@ from usvnet.evaluation.sensitivity_report import (
 )
 from usvnet.evaluation.uncertainty_report import draw_reliability_panel
 from usvnet.intervals import ESTIMATORS
+from usvnet.wording import counted
 
 
 def reliability_figure(ranged: Sequence[RangedBoat], scores: Scores) -> Figure:
@@ -28,8 +29,8 @@ def reliability_figure(ranged: Sequence[RangedBoat], scores: Scores) -> Figure:
     panels = [
         draw_panel(
             f"reliability-{estimator}",
-            f"Reliability of {estimator}, {errors.n} readings: {_share(errors.after.coverage_68)} in the 68 %, "
-            f"{_share(errors.after.coverage_90)} in the 90 % interval",
+            f"Reliability of {estimator}, {counted(errors.n, 'reading')}: "
+            f"{_share(errors.after.coverage_68)} in the 68 %, {_share(errors.after.coverage_90)} in the 90 % interval",
             partial(_reliability, ranged=ranged, scores=scores, estimator=estimator),
             (4.0, 4.0),
         )

@@ -17,7 +17,9 @@ LABELS = {
     "iou_threshold": "Overlap that counts as the same boat",
     "curved_water": "Curved water",
     "intervals": "Interval factors (68 %, 90 %, boats)",
+    "keypoint_share": "Keypoints stray further by, share of the boat",
     "image_size": "The network sees, px",
+    "native_size": "Longer side for the second look, px",
     "split": "Split",
     "frames_sha256": "SHA-256 of pictures, cameras and hulls",
     "checkpoint": "Checkpoint",
@@ -31,7 +33,7 @@ def page_facts(made_with: Mapping[str, object]) -> dict[str, str]:
     Args:
         made_with: what the predictions depend on, see :func:`usvnet.evaluation.evaluator.prediction_meta`, and more.
     """
-    known = {LABELS.get(name, name): _text(value) for name, value in made_with.items()}
+    known = {LABELS.get(name, name): _text(value) for name, value in made_with.items() if value is not None}
     return {
         **known,
         "Commit": commit() or "not known",

@@ -12,6 +12,7 @@ from usvnet.evaluation.range_metrics import RangedBoat, RangeErrors, group_boats
 from usvnet.evaluation.records import BoatRecord, TruthRecord
 from usvnet.evaluation.scores import Scores
 from usvnet.intervals import ESTIMATORS
+from usvnet.wording import counted
 
 GLYPHS = dict(zip(MARKERS, "●■◆▲▼✚★✖"))
 LINE, DIAMOND = "━", "◇"
@@ -53,8 +54,8 @@ def precision_recall_figure(
         panels.append(draw_panel(f"precision-recall-{name}", label, draw))
     keys = [Key(LINE, f"--c{n}", text) for n, text in enumerate(("OKS 0.5", "OKS 0.75", "mean of OKS 0.5 to 0.95"))]
     caption = (
-        f"Precision and recall of {scores.pose.boats} labelled boats as the lowest score changes. A boat is right "
-        "where its keypoints reach the OKS; the smaller sigma is the stricter judge."
+        f"Precision and recall of {counted(scores.pose.boats, 'labelled boat')} as the lowest score changes. A boat is "
+        "right where its keypoints reach the OKS; the smaller sigma is the stricter judge."
     )
     return Figure(caption, panels, [*keys, Key(DIAMOND, "--ink", "best F1 at OKS 0.5")])
 
@@ -139,4 +140,4 @@ def _paper(groups: Sequence[str]) -> tuple[Mapping[str, list[float]], str]:
 def _errors_text(errors: RangeErrors) -> str:
     if not errors.n:
         return f"no range, {errors.missed} missed"
-    return f"{errors.n} boats, RMSE {errors.rmse_m:.2f} m, {errors.missed} missed"
+    return f"{counted(errors.n, 'boat')}, RMSE {errors.rmse_m:.2f} m, {errors.missed} missed"

@@ -1,6 +1,7 @@
 """The page: what it tells in which order, and the file that it is written to."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -25,6 +26,7 @@ from usvnet.evaluation.sensitivity_report import budget_table
 from usvnet.evaluation.tables import Table
 from usvnet.evaluation.uncertainty_report import floor_table, interval_table
 from usvnet.files import atomic_write
+from usvnet.wording import counted
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,7 @@ def render_page(evaluation: Evaluation) -> str:
         lstrip_blocks=True,
     )
     environment.globals["rows_by_group"] = rows_by_group
+    environment.filters |= {"counted": counted, "in_two_lines": in_two_lines}
     return environment.get_template("report.html").render(
         evaluation=evaluation,
         estimator=HEADLINE,
@@ -113,10 +116,15 @@ def key_figures(scores: Scores) -> list[Tile]:
         share, inside = 100 * ranges.median_relative_error, 100 * ranges.coverage_90
         tiles += [
             Tile("Range error", _number(share, "{:.1f} %"), f"median, {HEADLINE}, {ranges.missed} without a range"),
-            Tile("RMSE", _number(ranges.rmse_m, "{:.2f} m"), f"{HEADLINE}, over {ranges.n} boats"),
+            Tile("RMSE", _number(ranges.rmse_m, "{:.2f} m"), f"{HEADLINE}, over {counted(ranges.n, 'boat')}"),
             Tile("In 90 % interval", _number(inside, "{:.0f} %"), f"of the laser's readings, {HEADLINE}"),
         ]
     return tiles
+
+
+def in_two_lines(title: str) -> list[str]:
+    """Break the title of a column: ``pitch 0.3 deg`` before its number, any other before its last word."""
+    return re.split(r" (?=-?[\d.]+ \S+$)", title) if re.search(r" -?[\d.]+ \S+$", title) else title.rsplit(" ", 1)
 
 
 def rows_by_group(table: Table) -> list[list[Row]]:
