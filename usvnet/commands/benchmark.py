@@ -22,6 +22,7 @@ from usvnet.deploy.formats import FORMATS, format_of
 from usvnet.deploy.predictor import DEFAULT_IMAGE_SIZE_PX, default_checkpoint
 from usvnet.deploy.runtimes import open_runtime
 from usvnet.files import atomic_write
+from usvnet.wording import counted
 
 EAGER = "PyTorch"
 SUFFIXES = (".ts", ".pt2", ".onnx", ".xml")
@@ -126,7 +127,7 @@ def benchmark(
     best = min(rows, key=lambda row: row.median_ms)
     _tell(rows, split_ms, size)
     of_itself = "the checkpoint as it is" if best.format == EAGER else "that file"
-    how = f"usvnet export --output model{best.suffix}" if best.suffix else of_itself
+    how = f"usvnet export --checkpoint {checkpoint} --output model{best.suffix}" if best.suffix else of_itself
     print(f"\nfastest here: {best.format} ({1000 / best.median_ms:.1f} pictures per second): {how}")
     if output:
         table: dict[str, Any] = {
@@ -157,7 +158,7 @@ def _call(runtime: Callable[..., object], inputs: tuple[torch.Tensor, ...]) -> J
 
 def _tell(rows: list[Row], split_ms: dict[str, dict[str, float]], size: int) -> None:
     """Print both tables, as Markdown."""
-    print(f"One picture of {size} x {size}, {torch.get_num_threads()} threads:\n")
+    print(f"One picture of {size} x {size}, {counted(torch.get_num_threads(), 'thread')}:\n")
     print("| Format | MB | Greatest difference, px | mm at 10 m | Median ms | Of PyTorch's time |")
     print("|---|---|---|---|---|---|")
     for row in rows:

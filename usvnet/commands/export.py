@@ -5,13 +5,14 @@ from pathlib import Path
 from usvnet.checkpoints import STAMP, load_model, read_checkpoint
 from usvnet.deploy.export import export_model
 from usvnet.deploy.export_int8 import Int8Data, export_int8
+from usvnet.deploy.predictor import default_checkpoint
 from usvnet.deploy.sidecar import sidecar_path
 
 
 def export(
     *,
-    checkpoint: Path,
     output: Path,
+    checkpoint: Path | None = None,
     score_threshold: float = 0.25,
     max_boats: int = 20,
     int8_data: Path | None = None,
@@ -22,9 +23,9 @@ def export(
     """Write a trained model for other programs, read the file back and check that it says the same.
 
     Args:
-        checkpoint: weights written by train.py.
         output: file to write: .ts or .pt (TorchScript), .pt2 (torch.export), .onnx (ONNX) or .xml (OpenVINO, its
             weights in a .bin beside it); described by a .json beside it.
+        checkpoint: weights written by train.py; the ones that come with usvnet where none is named.
         score_threshold: lowest score that the file marks as a boat.
         max_boats: most boats reported a picture.
         int8_data: dataset folder with laser ranges: the network goes into an OpenVINO file in 8 bits, fitted to some of
@@ -39,6 +40,7 @@ def export(
         ValueError: it is not one of usvnet, a library is missing, the exported file does not agree with it, or ranges
             get too much worse in int8.
     """
+    checkpoint = checkpoint or default_checkpoint()
     stamp = read_checkpoint(checkpoint)[STAMP]
     model = load_model(checkpoint)
     model.max_boats = max_boats
