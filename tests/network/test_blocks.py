@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from usvnet.network.blocks import Pointwise
+from usvnet.network.blocks import Enter, Pointwise
 
 
 @pytest.mark.parametrize("bias", [False, True])
@@ -27,3 +27,24 @@ def test_a_pointwise_layer_trains_as_the_convolution_that_it_is(bias: bool):
         torch.testing.assert_close(ours.grad, theirs.grad)
     assert layer.weight.grad is not None
     assert layer.weight.grad.stride() == layer.weight.stride()
+
+
+def test_coarser_features_join_in_training_as_if_enlarged_and_concatenated():
+    """torch.nn.functional beside it: answer and all gradients."""
+    torch.manual_seed(0)
+    layer = Enter(10, 6).double().to(memory_format=torch.channels_last)
+    sizes = ((2, 3, 8, 6), (2, 7, 4, 3))
+    x, coarse = (torch.randn(size, dtype=torch.float64).to(memory_format=torch.channels_last) for size in sizes)
+    own = [tensor.requires_grad_() for tensor in (x, coarse, layer.conv.weight)]
+    beside = [tensor.detach().clone().requires_grad_() for tensor in own]
+    enlarged = functional.interpolate(beside[1], scale_factor=2.0)
+    expected = layer.act(layer.norm(functional.conv2d(torch.cat([enlarged, beside[0]], 1), beside[2])))
+    found = layer(x, coarse)
+    torch.testing.assert_close(found, expected)
+    slope = torch.randn_like(found)
+    expected.backward(slope)
+    found.backward(slope)
+    for ours, theirs in zip(own, beside):
+        torch.testing.assert_close(ours.grad, theirs.grad)
+    assert layer.conv.weight.grad is not None
+    assert layer.conv.weight.grad.stride() == layer.conv.weight.stride()

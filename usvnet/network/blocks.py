@@ -19,11 +19,20 @@ class Pointwise(nn.Conv2d):
         super().__init__(c_in, c_out, 1, bias=bias)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(B, c_in, H, W) -> (B, c_out, H, W); channels_last needs no copies."""
+        """(B, c_in, H, W) -> (B, c_out, H, W)."""
         if self.training and x.device.type == "cpu":
-            weight = self.weight.permute(0, 2, 3, 1).flatten(1)  # so that its gradient is channels_last, as it is
-            return functional.linear(x.permute(0, 2, 3, 1), weight, self.bias).permute(0, 3, 1, 2)
+            return matrix_product(x, weight_matrix(self.weight), self.bias)
         return self._conv_forward(x, self.weight, self.bias)
+
+
+def weight_matrix(weight: Tensor) -> Tensor:
+    """Weight (c_out, c_in, 1, 1) -> (c_out, c_in), so that its gradient is channels_last, as it is."""
+    return weight.permute(0, 2, 3, 1).flatten(1)
+
+
+def matrix_product(x: Tensor, weight: Tensor, bias: Tensor | None = None) -> Tensor:
+    """(B, c_in, H, W) -> (B, c_out, H, W) by a weight (c_out, c_in); channels_last needs no copies."""
+    return functional.linear(x.permute(0, 2, 3, 1), weight, bias).permute(0, 3, 1, 2)
 
 
 class Conv(nn.Module):
@@ -42,6 +51,30 @@ class Conv(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """(B, c_in, H, W) -> (B, c_out, H / stride, W / stride)."""
         return self.act(self.norm(self.conv(x)))
+
+
+class Enter(Conv):
+    """The 1 x 1 convolution at the start of a block, where a neck's coarser features join."""
+
+    def __init__(self, c_in: int, c_out: int):
+        super().__init__(c_in, c_out)
+
+    def forward(self, x: Tensor, coarse: Tensor | None = None) -> Tensor:
+        """(B, c, H, W) and (B, c_in - c, H / 2, W / 2), whose channels come first -> (B, c_out, H, W)."""
+        if coarse is None:
+            return self.act(self.norm(self.conv(x)))
+        if self.training and x.device.type == "cpu":
+            # enlarged after the product instead of before, which is the same: a quarter of the work, and no cat
+            weight = weight_matrix(self.conv.weight)
+            of_coarse, of_x = weight.split([coarse.shape[1], x.shape[1]], 1)
+            joined = enlarge(matrix_product(coarse, of_coarse)) + matrix_product(x, of_x)
+            return self.act(self.norm(joined))
+        return self.act(self.norm(self.conv(torch.cat([enlarge(coarse), x], 1))))
+
+
+def enlarge(x: Tensor) -> Tensor:
+    """(B, C, H, W) -> (B, C, 2 H, 2 W), every cell four times."""
+    return functional.interpolate(x, scale_factor=2.0, mode="nearest")
 
 
 class Bottleneck(nn.Module):
@@ -87,13 +120,13 @@ class C2(nn.Module):
     def __init__(self, c_in: int, c_out: int, repeats: int):
         super().__init__()
         hidden = c_out // 2
-        self.enter = Conv(c_in, 2 * hidden)
+        self.enter = Enter(c_in, 2 * hidden)
         self.chain = nn.Sequential(*(Bottleneck(hidden, hidden, residual=False) for _ in range(repeats)))
         self.merge = Conv(2 * hidden, c_out)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, c_in, H, W) -> (B, c_out, H, W)."""
-        y, bypass = self.enter(x).chunk(2, 1)
+    def forward(self, x: Tensor, coarse: Tensor | None = None) -> Tensor:
+        """(B, c_in, H, W) -> (B, c_out, H, W); coarser features join as in :class:`Enter`."""
+        y, bypass = self.enter(x, coarse).chunk(2, 1)
         return self.merge(torch.cat([self.chain(y), bypass], 1))
 
 
@@ -109,13 +142,13 @@ class SplitChain(nn.Module):
 
     def __init__(self, c_in: int, c_out: int, hidden: int, blocks: Iterable[nn.Module]):
         super().__init__()
-        self.enter = Conv(c_in, 2 * hidden)
+        self.enter = Enter(c_in, 2 * hidden)
         self.chain = nn.ModuleList(blocks)
         self.merge = Conv((2 + len(self.chain)) * hidden, c_out)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, c_in, H, W) -> (B, c_out, H, W)."""
-        first, last = self.enter(x).chunk(2, 1)
+    def forward(self, x: Tensor, coarse: Tensor | None = None) -> Tensor:
+        """(B, c_in, H, W) -> (B, c_out, H, W); coarser features join as in :class:`Enter`."""
+        first, last = self.enter(x, coarse).chunk(2, 1)
         stages = [first, last]
         for block in self.chain:
             last = block(last)

@@ -26,7 +26,6 @@ class Neck(nn.Module):
         last_block: Callable[[int, int], nn.Module],
     ):
         super().__init__()
-        self.upsample = nn.Upsample(scale_factor=2.0, mode="nearest")
         self.down16 = block(c_in[2] + c_in[1], c_out[1])
         self.down8 = block(c_out[1] + c_in[0], c_out[0])
         self.to16 = Conv(c_out[0], c_out[0], 3, stride=2)
@@ -38,8 +37,8 @@ class Neck(nn.Module):
     def forward(self, features: list[Tensor]) -> list[Tensor]:
         """Features at strides 8, 16 and 32, before and after."""
         p3, p4, p5 = features
-        down16 = self.down16(torch.cat([self.upsample(p5), p4], 1))
-        out8 = self.down8(torch.cat([self.upsample(down16), p3], 1))
+        down16 = self.down16(p4, coarse=p5)
+        out8 = self.down8(p3, coarse=down16)
         out16 = self.up16(torch.cat([self.to16(out8), down16], 1))
         out32 = self.up32(torch.cat([self.to32(out16), p5], 1))
         return [out8, out16, out32]
@@ -56,7 +55,6 @@ class NeckP6(nn.Module):
     def __init__(self, channels: tuple[int, ...], repeats: int):
         super().__init__()
         c8, c16, c32, c64 = channels
-        self.upsample = nn.Upsample(scale_factor=2.0, mode="nearest")
         self.down32 = C2(c64 + c32, c32, repeats)
         self.down16 = C2(c32 + c16, c16, repeats)
         self.down8 = C2(c16 + c8, c8, repeats)
@@ -71,9 +69,9 @@ class NeckP6(nn.Module):
     def forward(self, features: list[Tensor]) -> list[Tensor]:
         """Features at strides 8, 16, 32 and 64, before and after."""
         p3, p4, p5, p6 = features
-        down32 = self.down32(torch.cat([self.upsample(p6), p5], 1))
-        down16 = self.down16(torch.cat([self.upsample(down32), p4], 1))
-        out8 = self.down8(torch.cat([self.upsample(down16), p3], 1))
+        down32 = self.down32(p5, coarse=p6)
+        down16 = self.down16(p4, coarse=down32)
+        out8 = self.down8(p3, coarse=down16)
         out16 = self.up16(torch.cat([self.to16(out8), down16], 1))
         out32 = self.up32(torch.cat([self.to32(out16), down32], 1))
         out64 = self.up64(torch.cat([self.to64(out32), p6], 1))
