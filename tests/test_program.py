@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from usvnet.files import run_program
+from usvnet.files import atomic_folder, atomic_write, run_program
 
 WRITING = """
 import sys, time
@@ -84,6 +84,25 @@ def test_sigterm_is_told_also_where_something_else_was_raised_on_the_way(capsys)
             raise KeyboardInterrupt from None  # as after Lightning's own way out
 
     assert exit_code(main, capsys) == (143, "terminated\n")
+
+
+def test_what_the_system_says_is_a_sentence_too(tmp_path, capsys):
+    def refuse():
+        raise PermissionError(13, "Permission denied", "model.ts")
+
+    assert exit_code(refuse, capsys) == (2, "error: model.ts: permission denied\n")
+    (tmp_path / "out").write_text("")
+
+    for writing in (atomic_write, atomic_folder):
+        for place in (tmp_path / "out" / "a.csv", tmp_path / "out" / "deeper" / "a.csv"):
+
+            def write(writing=writing, place=place):
+                with writing(place):
+                    pass
+
+            code, told = exit_code(write, capsys)
+            assert (code, told) == (2, f"error: {place.parent}: expected a folder, but there is a file in its place\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 def test_bad_input_is_one_sentence(capsys):

@@ -15,9 +15,12 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path beside ``path`` that is renamed to it on success and deleted on failure.
 
     The temporary name keeps the suffix, because OpenCV and Matplotlib choose their format by it.
+
+    Raises:
+        ValueError: there is a file in the place of the folder around it.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    _make_folder(path.parent)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
     os.close(handle)
     temporary = Path(name)
@@ -34,11 +37,11 @@ def atomic_folder(path: Path | str) -> Iterator[Path]:
     """Yield a temporary folder beside ``path`` that is renamed to it on success and deleted on failure.
 
     Raises:
-        ValueError: there is something at ``path`` already.
+        ValueError: there is something at ``path`` already, or a file in the place of the folder around it.
     """
     path = Path(path)
     expect_new_folder(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    _make_folder(path.parent)
     temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
     try:
         yield temporary
@@ -56,6 +59,13 @@ def expect_new_folder(path: Path) -> None:
     """
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
         raise ValueError(f"{path}: there already, expected the name of a new folder")
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise ValueError(f"{path}: expected a folder, but there is a file in its place") from None
 
 
 def _umask() -> int:
@@ -99,7 +109,7 @@ def run_program(main: Callable[[], object]) -> None:
         with terminated_like_interrupted():
             main()
     except (ValueError, OSError) as error:
-        sentence = " ".join(str(error).split())
+        sentence = " ".join(_told(error).split())
         print(f"error: {sentence}", file=sys.stderr)
         sys.exit(2)
     except Terminated:
@@ -108,6 +118,13 @@ def run_program(main: Callable[[], object]) -> None:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(128 + signal.SIGINT)
+
+
+def _told(error: Exception) -> str:
+    """``model.ts: permission denied`` where the system says ``[Errno 13] Permission denied: 'model.ts'``."""
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        return f"{error.filename}: {error.strerror[:1].lower()}{error.strerror[1:]}"
+    return str(error)
 
 
 class Terminated(KeyboardInterrupt):

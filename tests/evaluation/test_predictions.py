@@ -63,7 +63,7 @@ def test_lines_are_strict_json_with_a_90_percent_interval(tmp_path):
 def test_predictions_of_something_else_are_refused(tmp_path):
     path = tmp_path / "predictions.jsonl"
     write_predictions(path, META, [])
-    with pytest.raises(ValueError, match="made with checkpoint_sha256 'abc', not 'def': delete it"):
+    with pytest.raises(ValueError, match="made of other weights: add --overwrite to replace it"):
         read_predictions(path, META | {"checkpoint_sha256": "def"})
     with pytest.raises(ValueError, match="made with split None, not 'val'"):
         read_predictions(path, META | {"split": "val"})

@@ -120,13 +120,16 @@ def _meta_of(content: Any) -> Meta:
     return meta
 
 
+HASHED = {"frames_sha256": "pictures, cameras or hulls", "checkpoint_sha256": "weights"}
+"""What stands behind a hash that two evaluations may differ in."""
+
+
 def _check_meta(path: Path, found: Meta, expected: Meta) -> None:
     for key in sorted(expected.keys() | found.keys()):
         if found.get(key) != expected.get(key):
-            raise ValueError(
-                f"{path}: made with {key} {found.get(key)!r}, not {expected.get(key)!r}: "
-                "delete it, or keep it and choose another output folder"
-            )
+            what = HASHED.get(key, "")
+            told = f"of other {what}" if what else f"with {key} {found.get(key)!r}, not {expected.get(key)!r}"
+            raise ValueError(f"{path}: made {told}: add --overwrite to replace it, or choose another --output")
 
 
 def predict_pictures(model: USVNet, dataset: BoatDataset, batch_size: int = 16) -> Iterator[PicturePrediction]:

@@ -31,7 +31,7 @@ def read(path: Path, edit: Edit = lambda tasks: None, faults: Faults | None = No
 def test_pictures_boats_and_their_pixels(label_studio: Path):
     pictures, notes = read(label_studio)
     assert [(picture.name, len(picture.boxes_px)) for picture in pictures] == [("a.png", 1), ("I/b.png", 0)]
-    assert notes == ["1 tasks without an annotation were left out"]
+    assert notes == ["1 task without an annotation left out"]
     # 25 % of 160 px is the edge of a pixel: half a pixel before its centre
     np.testing.assert_allclose(pictures[0].boxes_px, [[39.5, 29.5, 119.5, 89.5]])
     np.testing.assert_allclose(pictures[0].labels.keypoints_px[0, 0], [0.3 * 160 - 0.5, 0.4 * 120 - 0.5])

@@ -29,6 +29,7 @@ from usvnet.data.pictures import SUFFIXES
 from usvnet.data.records import Faults, Labels
 from usvnet.geometry.yaml_files import Mapping, as_mapping, as_number, require, short
 from usvnet.types import KEYPOINT_NAMES, NUM_KEYPOINTS
+from usvnet.wording import counted
 
 HIDDEN = "hidden"
 UPLOAD = re.compile(r"[0-9a-f]{8}-(.+)")
@@ -80,7 +81,9 @@ def read_label_studio(path: Path, pictures: Path, faults: Faults, follow: Follow
             raise ValueError(f"{path}: rectangles are labelled {', '.join(sorted(kinds))}, expected one label")
         if skipped == len(tasks):
             raise ValueError(f"{path}: none of the {len(tasks)} tasks has an annotation")
-    return Export(list(found.values()), [f"{skipped} tasks without an annotation were left out"] if skipped else [])
+    return Export(
+        list(found.values()), [f"{counted(skipped, 'task')} without an annotation left out"] if skipped else []
+    )
 
 
 def _chosen_result(task: Mapping) -> list[Mapping] | None:
