@@ -173,6 +173,14 @@ def test_a_glob_takes_the_pictures_among_other_files(predict, folder):
     ]
 
 
+def test_what_an_earlier_run_left_in_the_folder_is_told(predict, video, folder, capsys):
+    out = predict(video, "--max-frames", "1")
+    predict(folder / "0.png")
+    assert f"note: still there from an earlier run: {out / 'video.mp4'}\n" in capsys.readouterr().out
+    predict(folder / "1.png")
+    assert f"note: still there from an earlier run: {out / 'video.mp4'}, {out / 'pictures'}\n" in capsys.readouterr().out
+
+
 def test_every_second_frame_as_pictures_without_the_chart(predict, video):
     out = predict(video, "--every", "2", "--max-frames", "2", "--save", "pictures", "--show-topdown", "false")
     assert [frame["frame"] for frame in results(out)[1]] == [0, 2]

@@ -44,9 +44,9 @@ def check_data(directory: str, *, output: str = "labels.png") -> None:
         splits, faults = check_export(root, kind, follow)
         console.print(f"{TITLES[kind]}: turn it into a dataset with usvnet convert")
         tables = [split_table(splits), scene_table(splits), size_table(splits)]
-    for table in tables:
-        console.print(table)
     if any(splits.values()):
+        for table in tables:
+            console.print(table)
         draw_labels([picture for members in splits.values() for picture in members], Path(output))
         console.print(f"label statistics: {output}", markup=False, soft_wrap=True)
     for fault in faults:

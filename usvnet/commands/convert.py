@@ -67,7 +67,7 @@ def convert(
         print(f"note: {note}")
     print(f"wrote {output} from {TITLES[kind]}")
     if camera is None:
-        print(f"next: put the camera file into {output / 'cameras'}, then usvnet check-data {output}")
+        print(f"next: make the folder {output / 'cameras'} with the camera file in it, then usvnet check-data {output}")
     else:
         print(f"next: usvnet check-data {output}")
 

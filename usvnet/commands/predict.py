@@ -31,6 +31,7 @@ from usvnet.wording import counted
 
 LINES, TABLE, VIDEO, PICTURES = "predictions.jsonl", "predictions.csv", "video.mp4", "pictures"
 TRACK_TABLE, MOT_TEXT = "tracks.csv", "tracks.txt"
+OUTPUTS = (LINES, TABLE, VIDEO, PICTURES, TRACK_TABLE, MOT_TEXT)
 RULES = TrackingConfig()
 
 
@@ -106,6 +107,7 @@ def predict(
         raise ValueError("checkpoint and model: got both, expected one of them")
     weights = model or checkpoint or default_checkpoint()
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
+    before = [output / name for name in OUTPUTS if (output / name).exists()]
     with decoder_talk() as talk:
         # files are looked at before the network gets ready, which takes seconds; a stream's frames would grow old
         files = None if is_stream(source) else open_source(source, console.print, every, fps)
@@ -157,6 +159,9 @@ def predict(
         print(f"boats followed: {follower.tracker.confirmed}")
     if outputs.written:
         print(f"wrote {', '.join(str(path) for path in outputs.written)}")
+        old = [path for path in before if path not in outputs.written or path.name == PICTURES]
+        if old:
+            print(f"note: still there from an earlier run: {', '.join(str(path) for path in old)}")
     if signals:
         raise Terminated if signal.SIGTERM in signals else KeyboardInterrupt
     if isinstance(frames, LiveStream) and frames.given_up:
