@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from usvnet.data import Faults, read_dataset
+from usvnet.data.check import check_dataset
 from usvnet.data.formats.coco import write_coco
 from usvnet.data.formats.yolo import write_data_yaml
 from usvnet.geometry.camera_files import load_camera, save_camera
@@ -63,7 +64,7 @@ def test_several_cameras_are_told_apart(tiny: Path):
     (tiny / "frames.csv").write_text("image,camera\n" + rows)
     assert [frame.camera.height_m.item() for frame in read_dataset(tiny, "train")] == [1.5, 1.5, 3.0, 1.5]
     (tiny / "frames.csv").write_text("image,camera\n" + rows.replace("mast", "stern"))
-    with pytest.raises(ValueError, match=r"camera of train/0002\.png is stern, expected one of front, mast"):
+    with pytest.raises(ValueError, match=r"camera stern is named, expected one of front, mast"):
         read_dataset(tiny, "train")
 
 
@@ -81,7 +82,7 @@ def test_the_hull_is_the_one_named_else_the_only_one_else_a_generic_one(tiny: Pa
     assert torch.equal(barge.points_m, 2 * skiff.points_m)
     assert skiff.scale_std == known.scale_std
     (tiny / "frames.csv").write_text("image,hull\ntrain/0001.png,yacht\n")
-    with pytest.raises(ValueError, match=r"hull of train/0001\.png is yacht, expected one of barge, skiff"):
+    with pytest.raises(ValueError, match=r"hull yacht is named, expected one of barge, skiff"):
         read_dataset(tiny, "train")
 
 
@@ -145,3 +146,12 @@ def test_collecting_finds_every_fault_and_keeps_the_sound_frames(tiny: Path):
     frames = read_dataset(tiny, "train", faults)
     assert [frame.name for frame in frames] == ["train/0000.png", "train/0001.png", "train/0003.png"]
     assert len(faults.sentences) == 3
+
+
+def test_a_camera_that_is_missing_is_one_fault_however_many_pictures_name_it(tiny: Path):
+    rows = [f"train/{number:04d}.png,stern" for number in range(3)]
+    (tiny / "frames.csv").write_text("\n".join(["image,camera", *rows]) + "\n")
+    frames, faults = check_dataset(tiny)
+    assert [len(members) for members in frames.values()] == [1, 2, 1]
+    (fault,) = faults
+    assert "frames.csv: camera stern is named, expected one of front (the files in" in fault

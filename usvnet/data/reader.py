@@ -73,7 +73,7 @@ def read_dataset(
             camera = _camera_of(root, name, note, cameras)
             if attitude.source != "mount":
                 camera = noted_camera(camera, note)
-            hull = _hull_of(root, name, note, hulls)
+            hull = _hull_of(root, note, hulls)
             width, height = camera.size_px[0].round().int().tolist()
             noted = len(faults.sentences)
             if coco is None:
@@ -137,17 +137,17 @@ def _camera_of(root: Path, name: str, note: FrameNotes, cameras: dict[str, Camer
         raise ValueError(f"{root / 'frames.csv'}: no camera for {name}, {known}")
     key = note.camera or next(iter(cameras))
     if key not in cameras:
-        raise ValueError(f"{root / 'frames.csv'}: camera of {name} is {key}, {known}")
+        raise ValueError(f"{root / 'frames.csv'}: camera {key} is named, {known}")
     return cameras[key]
 
 
-def _hull_of(root: Path, name: str, note: FrameNotes, hulls: dict[str, Hull]) -> Hull:
+def _hull_of(root: Path, note: FrameNotes, hulls: dict[str, Hull]) -> Hull:
     """Choose the picture's hull: the one named, else the only one there is, else a generic one."""
     if note.hull is None:
         return next(iter(hulls.values())) if len(hulls) == 1 else generic_hull()
     if note.hull not in hulls:
         known = f"expected one of {', '.join(hulls)}" if hulls else "but there is no hull file"
-        raise ValueError(f"{root / 'frames.csv'}: hull of {name} is {note.hull}, {known} (in {root / 'hulls'})")
+        raise ValueError(f"{root / 'frames.csv'}: hull {note.hull} is named, {known} (in {root / 'hulls'})")
     return hulls[note.hull]
 
 
