@@ -110,6 +110,13 @@ def test_range_alone_teaches_the_first_convolution():
     assert first.weight.grad.abs().sum() > 0
 
 
+def test_the_bins_of_box_sides_are_no_weights():
+    module = USVModule()
+    bins = module.model.network.pose_head.bins
+    assert bins.tolist() == list(range(16))
+    assert [name for name, p in module.model.network.named_parameters() if not p.requires_grad] == ["pose_head.bins"]
+
+
 def test_ranges_teach_nothing_before_their_epoch():
     weights = LossWeights(box=0, dfl=0, classification=0, keypoint=0, visibility=0, heatmap=0, range=1, covariance=0)
     model = module(loss_weights=weights, range_loss_start_epoch=1, range_loss_error=None)

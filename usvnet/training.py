@@ -77,7 +77,8 @@ class USVModule(LightningModule):
             own, found = self.model.state_dict(), load_model(initial_weights, variant).state_dict()
             self.model.load_state_dict({name: found.get(name, own[name]) for name in own})  # a refiner may be new
         self.freeze_detector = freeze is not None
-        self.model.network.requires_grad_(not self.freeze_detector)
+        if self.freeze_detector:
+            self.model.network.requires_grad_(False)
         self.model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # as the batches are: faster
         self.criterion = Criterion(loss_weights)
         self.optimiser = optimiser
