@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from lightning.pytorch import Trainer
+from torch.utils.data import DataLoader
 
 from usvnet.checkpoints import load_model
 from usvnet.config import LossWeights
@@ -117,6 +119,18 @@ def test_a_frozen_detector_stays_as_it_is_while_the_refiner_learns(frame, untrai
     assert module.model.refiner.heatmaps.stem.conv.weight.grad.abs().sum() > 0
     for name, value in module.model.network.state_dict().items():
         torch.testing.assert_close(value, before[name], rtol=0, atol=0, msg=name)
+
+
+def test_a_run_leaves_a_frozen_detector_as_it_is_norms_included(frame, untrained):
+    """Lightning does not put a model into training mode by itself, so what was never out of it would stay in it."""
+    module = USVModule(refine="native", freeze="detector", initial_weights=str(untrained))
+    before = {name: value.clone() for name, value in module.model.state_dict().items()}
+    loader = DataLoader(BoatDataset([frame] * 2, 160, native_px=480), batch_size=2, collate_fn=collate)
+    quiet = dict.fromkeys(("logger", "enable_checkpointing", "enable_progress_bar", "enable_model_summary"), False)
+    Trainer(max_steps=2, accelerator="cpu", **quiet).fit(module, loader)
+    moved = {name for name, value in module.model.state_dict().items() if not torch.equal(value, before[name])}
+    assert "refiner.heatmaps.stem.conv.weight" in moved
+    assert not [name for name in moved if name.startswith("network.")]
 
 
 @pytest.mark.parametrize("settings", [{"refine": "native"}, {}])

@@ -78,7 +78,7 @@ class USVModule(LightningModule):
             self.model.load_state_dict({name: found.get(name, own[name]) for name in own})  # a refiner may be new
         self.freeze_detector = freeze is not None
         if self.freeze_detector:
-            self.model.network.requires_grad_(False)
+            self.model.network.requires_grad_(False).eval()  # here, too: Lightning leaves modes as it finds them
         self.model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # as the batches are: faster
         self.criterion = Criterion(loss_weights)
         self.optimiser = optimiser
