@@ -1,9 +1,9 @@
 r"""What finding the mount from the boats themselves is worth: a fixed camera whose pitch and roll are wrong throughout.
 
 Predictions are those that benchmarks/ranging_evidence.py left in its output folder; no network runs. The mount of a
-tripod is drawn anew, wrong by one pitch and one roll for all pictures, which its sigmas are told. Half of the boats,
-whose hull is known and whose ranges are not looked at, tell the mount (``usvnet calibrate-mount``); the other half is
-ranged with it; then the halves change places.
+tripod is drawn anew, wrong by one pitch and one roll for all pictures, which its sigmas are told. The boats are parted
+into folds; those of one are ranged with the mount that the others tell (``usvnet calibrate-mount``), whose hull is
+known and whose ranges are not looked at.
 
 python benchmarks/mount_from_boats.py --predictions out/test.jsonl --root sixscenes-v0 --output out \
     --keypoint_share 0.016 --wave_std_m 0.014
@@ -36,7 +36,7 @@ from usvnet.keypoint_noise import KeypointNoise
 from usvnet.types import Camera, Hull
 
 ESTIMATORS = ("waterline", "hull", "fused")
-RIGHT, WRONG, FOUND = "right mount", "wrong mount", "mount found from the other half"
+RIGHT, WRONG, FOUND = "right mount", "wrong mount", "mount found from the other boats"
 
 
 def main(
@@ -49,6 +49,7 @@ def main(
     wave_std_m: float | None = None,
     disturbance_deg: float = 0.3,
     draws: int = 40,
+    folds: int = 2,
     size_std: float = SIZE_STD,
 ) -> None:
     """Write ``mount_from_boats.md``.
@@ -62,7 +63,8 @@ def main(
         attitude_std_deg: how far the tripod moves from picture to picture.
         wave_std_m: standard deviation of the water at a boat; as the camera files say by default.
         disturbance_deg: standard deviation of the mount's pitch and roll.
-        draws: of the mount, and of the halves.
+        draws: of the mount, and of the folds.
+        folds: 2 finds the mount from half of the boats, 5 from four fifths.
         size_std: how much larger or smaller all boats may be drawn.
     """
     frames = [with_sigmas(frame, 0.0, wave_std_m) for frame in read_dataset(root, split)]
@@ -80,9 +82,9 @@ def main(
     for _ in track(range(draws), "Finding mounts", console=Console(stderr=True), transient=True):
         wrong_rad = std_rad * torch.from_numpy(random.normal(size=2))
         told = with_attitude(camera, camera.pitch_rad + wrong_rad[0], camera.roll_rad + wrong_rad[1], std_rad, std_rad)
-        order = torch.from_numpy(random.permutation(cases.count))
-        halves = (order[::2], order[1::2])
-        for known, asked in (halves, halves[::-1]):
+        parts = torch.from_numpy(random.permutation(cases.count)).tensor_split(folds)
+        for number, asked in enumerate(parts):
+            known = torch.cat([part for other, part in enumerate(parts) if other != number])
             found = fit_mount_to_hulls(cases.keypoints_px[known], cases.covariance_px2[known], told, hull, size_std)
             pitches.append(pitch_error(found, camera))
             for name, mount in ((RIGHT, camera), (WRONG, told), (FOUND, found.camera)):

@@ -147,3 +147,13 @@ def test_a_weight_that_float16_cannot_hold_is_refused(checkpoint, tmp_path):
     with pytest.raises(ValueError, match=r"backbone\.stem\.conv\.weight is too large for float16"):
         pack_checkpoint(save(checkpoint, tmp_path), tmp_path / "small.pt")
     assert not (tmp_path / "small.pt").exists()
+
+
+@pytest.mark.parametrize("name", ["usvnet-n", "usvnet-n-refine"])
+def test_what_comes_along_is_what_its_card_says(root, name):
+    path = root / "checkpoints" / f"{name}.pt"
+    assert f"`{sha256(path)}`" in path.with_suffix(".md").read_text(encoding="utf-8")
+    assert path.stat().st_size <= 8e6
+    model = load_model(path)
+    assert (model.refiner is not None) == name.endswith("refine")
+    assert 0 < float(model.noise.share) < 0.1
