@@ -166,17 +166,12 @@ def test_every_format_takes_and_answers_by_name_at_any_batch_and_size(tmp_path, 
                 torch.testing.assert_close(got[name], value, rtol=1e-5, atol=0.1)
 
 
-@pytest.mark.parametrize(
-    ("suffix", "packages"),
-    [(".onnx", ["onnx", "onnxruntime"]), pytest.param(".xml", ["onnx", "openvino"], marks=pytest.mark.slow)],
-)
-def test_the_network_that_comes_along_passes_parity(tmp_path, suffix, packages):
+def test_the_network_that_comes_along_passes_parity(tmp_path):
     """Trained networks see boats anywhere in a random picture, on the horizon too, where a rounding error is metres."""
-    for package in packages:
+    for package in ("onnx", "onnxruntime"):
         pytest.importorskip(package, reason="needs pip install usvnet[export]")
-    path = tmp_path / f"model{suffix}"
-    parity = export_model(load_model(SHIPPED), path, image_size=640)
-    assert parity.px < 0.01
+    path = tmp_path / "model.onnx"
+    assert export_model(load_model(SHIPPED), path, image_size=640).px < 0.01
     assert path.is_file()
 
 
@@ -184,12 +179,15 @@ def test_the_network_that_comes_along_passes_parity(tmp_path, suffix, packages):
 @pytest.mark.parametrize(
     ("suffix", "packages"), [(".onnx", ["onnx", "onnxruntime"]), (".xml", ["onnx", "openvino"]), (".pt2", [])]
 )
-def test_the_whole_method_in_every_format(untrained, tmp_path, suffix, packages):
-    """Exports pass parity at two sizes and two batches before they get their name; then they stand behind a camera."""
+def test_the_whole_method_in_every_format(tmp_path, suffix, packages):
+    """Exports pass parity at two sizes and two batches before they get their name; then they stand behind a camera.
+
+    Of a trained network: the scores of an untrained one differ by less than rounding, and so do its choices.
+    """
     for package in packages:
         pytest.importorskip(package, reason="needs pip install usvnet[export]")
     path = tmp_path / f"model{suffix}"
-    parity = export_model(load_model(untrained), path, score_threshold=0.0, image_size=96)
+    parity = export_model(load_model(SHIPPED), path, score_threshold=0.0, image_size=96)
     assert parity.px < 0.01
     assert parity.m_at_10_m < 0.001
     about = json.loads(sidecar_path(path).read_text())
@@ -199,4 +197,4 @@ def test_the_whole_method_in_every_format(untrained, tmp_path, suffix, packages)
     boats = Predictor(ExportedModel(path), camera, image_size=192, confidence=1e-6)(picture)
     assert boats
     assert set(open_runtime(path)(*example_inputs(32))) == set(ANSWERS)
-    assert DeployedUSVNet(load_model(untrained)).model.max_boats >= len(boats)
+    assert DeployedUSVNet(load_model(SHIPPED)).model.max_boats >= len(boats)
