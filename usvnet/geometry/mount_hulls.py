@@ -25,7 +25,7 @@ from usvnet.geometry.camera import camera_to
 from usvnet.geometry.hull_fit import HullFit, chi_squared_limit, fit_hulls
 from usvnet.geometry.hull_model import hull_to
 from usvnet.geometry.hull_sight import sight_hulls
-from usvnet.geometry.lens import undistort
+from usvnet.geometry.lens import Undistorted, undistort
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.types import Camera, Hull
 
@@ -83,21 +83,23 @@ def fit_mount_to_hulls(
     camera, hull = camera_to(camera, dtype=torch.float64), hull_to(hull, dtype=torch.float64)
     start = camera._replace(pitch_std_rad=_known(camera.pitch_std_rad), roll_std_rad=_known(camera.roll_std_rad))
     stds = torch.cat([start.pitch_std_rad, start.roll_std_rad])
-    sized = hull._replace(scale_std=torch.hypot(hull.scale_std, torch.tensor(size_std).double()))
+    by_size = torch.hypot(hull.scale_std, torch.tensor(size_std).double())
     waves = start.wave_std_m.square() / (start.height_std_m.square() + start.wave_std_m.square()).clamp_min(1e-12)
-    ranging = RangingLayer(curved_water)
+    prior = torch.ones(len(SHARED), dtype=torch.float64)
+    prior[HEIGHT] = 1 / (1 - waves).clamp_min(1e-6)
+    count, ranging = len(keypoints_px), RangingLayer(curved_water)
+    sized, covariance_px2 = Hull(*_repeated(hull._replace(scale_std=by_size), count)), covariance_px2.double()
+    lens = undistort(keypoints_px.double(), Camera(*_repeated(camera, count)))  # no mount has a part in it
 
     mount, moved = start, torch.zeros(2, dtype=torch.float64)
     for _ in range(MAX_ROUNDS):
-        fit = _fit(keypoints_px.double(), covariance_px2.double(), mount, sized, ranging)
+        fit = _fit(lens, covariance_px2, Camera(*_repeated(mount, count)), sized, ranging)
         misfit = (fit.cost / chi_squared_limit(fit.degrees_of_freedom))[:, 0]
         fits = (misfit <= ranging.misfit_limit) & (fit.degrees_of_freedom[:, 0] > 0)
         if int(fits.sum()) < LEAST_BOATS:
             raise ValueError(f"{int(fits.sum())} of {len(fits)} boats fit the hull, expected at least {LEAST_BOATS}")
         information, pull = _said_by_each(fit, waves)
         information, pull = information[fits], pull[fits]
-        prior = torch.ones(len(SHARED), dtype=torch.float64)
-        prior[HEIGHT] = 1 / (1 - waves).clamp_min(1e-6)
         mean = torch.zeros_like(prior)
         mean[[PITCH, ROLL]] = -moved
         shared = _solve(information.sum(0), pull.sum(0), prior, mean)
@@ -112,20 +114,22 @@ def fit_mount_to_hulls(
     claimed = torch.linalg.inv(torch.diag(prior) + information.sum(0)).diagonal().sqrt()
     std = torch.maximum(claimed, _jackknife_std(information, pull, prior, mean))
     found = mount._replace(pitch_std_rad=std[PITCH] * stds[:1], roll_std_rad=std[ROLL] * stds[1:])
-    by_size = float(sized.scale_std)
-    return HullMount(found, math.exp(float(shared[SIZE]) * by_size), float(std[SIZE]) * by_size, fits)
+    log_size, log_size_std = (float(value[SIZE] * by_size) for value in (shared, std))
+    return HullMount(found, math.exp(log_size), log_size_std, fits)
 
 
 def _known(std_rad: Tensor) -> Tensor:
     return torch.where(std_rad > 0, std_rad, torch.full_like(std_rad, UNKNOWN_STD_RAD))
 
 
-def _fit(keypoints_px: Tensor, covariance_px2: Tensor, camera: Camera, hull: Hull, ranging: RangingLayer) -> HullFit:
+def _repeated(one: Camera | Hull, count: int) -> list[Tensor]:
+    """The fields of one camera or hull for each of ``count`` boats."""
+    return [field.expand(count, *field.shape[1:]) for field in one]
+
+
+def _fit(lens: Undistorted, covariance_px2: Tensor, camera: Camera, hull: Hull, ranging: RangingLayer) -> HullFit:
     """Every boat in a picture of its own: (C, 1, ...)."""
-    count = len(keypoints_px)
-    camera = Camera(*(field.expand(count, *field.shape[1:]) for field in camera))
-    hull = Hull(*(field.expand(count, *field.shape[1:]) for field in hull))
-    lens, stds = undistort(keypoints_px, camera), (ranging.boat_roll_std_rad, ranging.boat_pitch_std_rad)
+    stds = (ranging.boat_roll_std_rad, ranging.boat_pitch_std_rad)
     with torch.no_grad():
         return fit_hulls(sight_hulls(lens, covariance_px2.unsqueeze(1), camera, hull, *stds, ranging.curvature_per_m))
 
