@@ -33,7 +33,6 @@ from usvnet.geometry.attitude import camera_attitude, combine
 from usvnet.geometry.camera import camera_to, with_attitude
 from usvnet.geometry.horizon import flat_edge
 from usvnet.geometry.ranging import RangingLayer
-from usvnet.keypoint_noise import KeypointNoise
 
 ESTIMATORS = ("waterline", "hull", "fused")
 
@@ -108,11 +107,8 @@ def joined_with_horizon(frame: Frame, edge_m: float | None) -> Frame | None:
 
 def range_boats(boats: Sequence[RangedBoat], frames: Sequence[Frame], share: float) -> list[RangedBoat]:
     """Boats ranged with the cameras of these frames, one for each."""
-    noise = KeypointNoise()
-    noise.set_share(share)
     cases = native_cases([(item.boat, frame) for item, frame in zip(boats, frames) if item.boat is not None])
-    cases = dataclasses.replace(cases, covariance_px2=noise(cases.covariance_px2, cases.boxes_px))
-    return range_anew(boats, cases, RangingLayer())
+    return range_anew(boats, cases.with_noise(share), RangingLayer())
 
 
 def range_table(both: dict[str, list[RangedBoat]], pictures: int, draws: int) -> Table:

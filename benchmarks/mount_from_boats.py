@@ -9,7 +9,6 @@ python benchmarks/mount_from_boats.py --predictions out/test.jsonl --root sixsce
     --keypoint_share 0.016 --wave_std_m 0.014
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,7 +31,6 @@ from usvnet.files import atomic_write
 from usvnet.geometry.camera import with_attitude
 from usvnet.geometry.mount_hulls import SIZE_STD, HullMount, fit_mount_to_hulls
 from usvnet.geometry.ranging import RangingLayer
-from usvnet.keypoint_noise import KeypointNoise
 from usvnet.types import Camera, Hull
 
 ESTIMATORS = ("waterline", "hull", "fused")
@@ -71,9 +69,7 @@ def main(
     records = [picture.boats for picture in read_predictions(predictions)]
     boats = [item for item in ranged_boats(records, list(map(frame_truths, frames))) if item.boat is not None]
     cases = native_cases([(item.boat, frames[item.picture]) for item in boats if item.boat is not None])
-    noise = KeypointNoise()
-    noise.set_share(keypoint_share)
-    cases = dataclasses.replace(cases, covariance_px2=noise(cases.covariance_px2, cases.boxes_px))
+    cases = cases.with_noise(keypoint_share)
     camera, hull = only_one(cases, root, split)
     own_rad, std_rad = math.radians(attitude_std_deg), math.radians(disturbance_deg)
     ranged: dict[str, list[RangedBoat]] = {RIGHT: [], WRONG: [], FOUND: []}

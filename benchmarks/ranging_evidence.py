@@ -38,7 +38,6 @@ from usvnet.evaluation.uncertainty_report import floor_table, interval_table
 from usvnet.files import atomic_write
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.intervals import IntervalFactors
-from usvnet.keypoint_noise import KeypointNoise
 
 
 def main(
@@ -149,16 +148,14 @@ def disturbed(
     generator: torch.Generator | None = None,
 ) -> list[RangedBoat]:
     """Every boat ``times`` over, each time with another error of pitch and roll, which their sigmas are told."""
-    noise = KeypointNoise()
-    noise.set_share(share)
-    cases = found_cases(ranged, [with_sigmas(frame, None, None, std_deg) for frame in frames]).repeat(times)
+    cases = found_cases(ranged, [with_sigmas(frame, None, None, std_deg) for frame in frames]).with_noise(share)
+    cases = cases.repeat(times)
     generator = generator or torch.Generator().manual_seed(0)
     error_rad = math.radians(std_deg) * torch.randn(2, cases.count, dtype=torch.float64, generator=generator)
     camera = cases.camera._replace(
         pitch_rad=cases.camera.pitch_rad + error_rad[0], roll_rad=cases.camera.roll_rad + error_rad[1]
     )
-    covariance_px2 = noise(cases.covariance_px2, cases.boxes_px)
-    cases = dataclasses.replace(cases, camera=camera, covariance_px2=covariance_px2)
+    cases = dataclasses.replace(cases, camera=camera)
     return range_anew([item for _ in range(times) for item in ranged], cases, ranging)
 
 

@@ -18,7 +18,6 @@ from usvnet.evaluation.records import RANGE_CONFIDENCE, match_boats
 from usvnet.evaluation.reranging import native_cases, range_anew
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.intervals import IntervalFactors
-from usvnet.keypoint_noise import KeypointNoise
 
 
 def calibrate_checkpoint(
@@ -74,10 +73,7 @@ def add_noise(
     found = [(item.boat, frames[item.picture]) for item in ranged if item.boat is not None]
     if not found:
         return list(ranged)
-    noise = KeypointNoise()
-    noise.set_share(share)
-    cases = native_cases(found)
-    cases = dataclasses.replace(cases, covariance_px2=noise(cases.covariance_px2, cases.boxes_px))
+    cases = native_cases(found).with_noise(share)
     anew = []
     for before, after in zip(ranged, range_anew(ranged, cases, RangingLayer(curved_water))):
         if before.boat is not None and after.boat is not None:

@@ -16,6 +16,7 @@ from usvnet.geometry.camera import camera_to, stack_cameras
 from usvnet.geometry.hull_model import hull_to, stack_hulls
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.intervals import UNCALIBRATED, IntervalFactors
+from usvnet.keypoint_noise import KeypointNoise
 from usvnet.types import Camera, Hull, RangeEstimate, Reason
 
 
@@ -52,6 +53,12 @@ class Cases:
             Camera(*map(repeated, self.camera)),
             Hull(*map(repeated, self.hull)),
         )
+
+    def with_noise(self, share: float) -> "Cases":
+        """The same boats, their keypoints doubted by ``share`` of a boat's size more."""
+        noise = KeypointNoise()
+        noise.set_share(share)
+        return dataclasses.replace(self, covariance_px2=noise(self.covariance_px2, self.boxes_px))
 
 
 def native_cases(boats: Sequence[tuple[BoatRecord, Frame]]) -> Cases:
