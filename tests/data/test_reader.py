@@ -155,3 +155,10 @@ def test_a_camera_that_is_missing_is_one_fault_however_many_pictures_name_it(tin
     assert [len(members) for members in frames.values()] == [1, 2, 1]
     (fault,) = faults
     assert "frames.csv: camera stern is named, expected one of front (the files in" in fault
+
+
+def test_hidden_files_are_no_pictures(tiny: Path):
+    """macOS leaves ``._photo.jpg`` beside photographs on a card."""
+    names = [frame.image_path.name for frame in read_dataset(tiny, "train")]
+    (tiny / f"images/train/._{names[0]}").write_bytes(b"a resource fork")
+    assert [frame.image_path.name for frame in read_dataset(tiny, "train")] == names

@@ -7,6 +7,7 @@ import math
 import os
 import signal
 import time
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -31,6 +32,8 @@ def render_frame(spec: FrameSpec, quality: str) -> RenderedFrame:
     if spec.number in numbers_in("FAKE_FAILS"):
         raise RuntimeError("the paint\nis not dry")
     if spec.number in numbers_in("FAKE_DIES"):
+        if "FAKE_LEAVES" in os.environ:
+            Path(os.environ["FAKE_LEAVES"]).touch()
         os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
     width, height = (int(size) for size in spec.camera.size_px[0])

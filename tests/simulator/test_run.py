@@ -175,6 +175,7 @@ def test_frames_that_fail_or_kill_their_worker_are_named_and_the_others_are_rend
 ):
     monkeypatch.setenv("FAKE_FAILS", "3 9")
     monkeypatch.setenv("FAKE_DIES", "16")
+    monkeypatch.setenv("FAKE_LEAVES", str(tmp_path / "set/images/train/.000016.half_way.jpg"))
     summary = simulate_small(config, tmp_path / "set", workers=2)
     assert sorted(summary.failed) == [3, 9, 16]
     assert summary.rendered == TOTAL - 3
@@ -183,6 +184,7 @@ def test_frames_that_fail_or_kill_their_worker_are_named_and_the_others_are_rend
     assert "frame 16 (seed 7) failed: its process was killed twice" in said
     frames, faults = check_dataset(tmp_path / "set")
     assert (faults, sum(map(len, frames.values()))) == ([], TOTAL - 3)
+    assert not list((tmp_path / "set").rglob(".*"))
 
     monkeypatch.setenv("FAKE_FAILS", "")
     monkeypatch.setenv("FAKE_DIES", "")

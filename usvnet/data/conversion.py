@@ -20,7 +20,7 @@ from usvnet.data.formats.label_studio import read_label_studio
 from usvnet.data.formats.ranges import REFERENCES
 from usvnet.data.formats.scene_folder import read_scene_folder
 from usvnet.data.formats.yolo import label_text, write_data_yaml
-from usvnet.data.pictures import SUFFIXES
+from usvnet.data.picture_files import pictures_below
 from usvnet.data.records import SPLITS, Faults
 from usvnet.files import atomic_folder
 from usvnet.geometry.camera_files import load_camera
@@ -45,7 +45,7 @@ def detect_format(source: Path) -> Format | None:
     if (source / "data.yaml").is_file():
         content = read_mapping(source / "data.yaml")
         return "cvat" if any(str(content.get(split)).endswith(".txt") for split in SPLITS) else None
-    return "folder" if any(path.suffix.lower() in SUFFIXES for path in source.rglob("*")) else None
+    return "folder" if pictures_below(source) else None
 
 
 @contextlib.contextmanager

@@ -1,16 +1,16 @@
 """Which files a person means by a picture's name, a folder, a pattern or a video's name."""
 
 from glob import glob
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import NamedTuple
 
 import cv2
 
-PICTURE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
-VIDEO_SUFFIXES = {
+PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
+VIDEO_SUFFIXES = (
     *(".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".wmv"),
     *(".mts", ".m2ts", ".3gp", ".flv"),
-}
+)
 
 
 class PictureFiles(NamedTuple):
@@ -19,6 +19,20 @@ class PictureFiles(NamedTuple):
     paths: tuple[Path, ...]
     """Sorted; at least one."""
     is_video: bool
+
+
+def is_picture_name(path: PurePath) -> bool:
+    """Whether a file is a picture by its name.
+
+    Hidden files are none: macOS leaves ``._photo.jpg`` beside photographs on a card, and what is being written has such
+    a name until it is whole.
+    """
+    return path.suffix.lower() in PICTURE_SUFFIXES and not path.name.startswith(".")
+
+
+def pictures_below(folder: Path) -> list[Path]:
+    """All pictures of a folder and of the folders in it, sorted."""
+    return sorted(path for path in folder.rglob("*") if is_picture_name(path))
 
 
 def find_picture_files(source: str) -> PictureFiles:
@@ -32,7 +46,7 @@ def find_picture_files(source: str) -> PictureFiles:
     """
     path = Path(source).expanduser()
     if path.is_dir():
-        files = [file for file in path.iterdir() if file.suffix.lower() in PICTURE_SUFFIXES]
+        files = [file for file in path.iterdir() if is_picture_name(file)]
     elif path.is_file():
         files = [path]
     else:
@@ -41,7 +55,7 @@ def find_picture_files(source: str) -> PictureFiles:
     if not files:
         what = "no pictures in the folder" if path.is_dir() else "no file matches"
         raise FileNotFoundError(f"{what} {source!r}")
-    known = [file for file in files if file.suffix.lower() in PICTURE_SUFFIXES | VIDEO_SUFFIXES or _is_picture(file)]
+    known = [file for file in files if file.suffix.lower() in PICTURE_SUFFIXES + VIDEO_SUFFIXES or _is_picture(file)]
     if not known:
         pictures, films = (", ".join(sorted(suffixes)) for suffixes in (PICTURE_SUFFIXES, VIDEO_SUFFIXES))
         raise ValueError(f"{files[0]}: neither a picture ({pictures}) nor a video ({films}), expected one of these")

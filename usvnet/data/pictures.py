@@ -15,8 +15,6 @@ Picture = NDArray[np.uint8]
 Grey = NDArray[np.uint8]
 """(H, W)"""
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
-
 
 def read_picture(path: Path) -> Picture:
     """Decode a picture to RGB, upright.

@@ -18,7 +18,7 @@ from usvnet.data.attitudes import FROM_FILES, AttitudeConfig, fill_from_imu, not
 from usvnet.data.formats.coco import read_coco
 from usvnet.data.formats.ranges import FrameNotes, read_tables
 from usvnet.data.formats.yolo import read_data_yaml, read_label
-from usvnet.data.pictures import SUFFIXES
+from usvnet.data.picture_files import PICTURE_SUFFIXES, pictures_below
 from usvnet.data.records import SPLITS, Faults, Frame, Labels
 from usvnet.geometry.camera_files import load_camera
 from usvnet.geometry.hull_files import load_hull
@@ -62,7 +62,7 @@ def read_dataset(
     coco = read_coco(place, faults) if place.suffix == ".json" else None
     names = sorted(coco) if coco is not None else _picture_names(root, place, faults)
     if not names:
-        raise ValueError(f"{place}: no pictures, expected some {', '.join(SUFFIXES)}")
+        raise ValueError(f"{place}: no pictures, expected some {', '.join(PICTURE_SUFFIXES)}")
     frames: list[Frame] = []
     for name in names:
         with faults.catch():
@@ -120,7 +120,7 @@ def _picture_names(root: Path, folder: Path, faults: Faults) -> list[str]:
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: no such folder, named in {root / 'data.yaml'}")
     images = root / "images"
-    paths = [path.relative_to(images) for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES]
+    paths = [path.relative_to(images) for path in pictures_below(folder)]
     stems = {path.with_suffix("") for path in paths}
     labels = root / "labels"
     for path in sorted((labels / folder.relative_to(images)).rglob("*.txt")):

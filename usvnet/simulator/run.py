@@ -113,6 +113,7 @@ def simulate_dataset(
                 there = summary.whole + summary.rendered
                 console.print(f"{there} of {len(numbers)} frames are there, the same command goes on", soft_wrap=True)
                 raise
+            remove_leftovers(root)  # of workers that were ended with one that died
         finish(root, cameras)
     return summary
 

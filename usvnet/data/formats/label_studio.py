@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from usvnet.data.formats.exports import Export, Follow, LabelledPicture, picture_size
 from usvnet.data.formats.fractions import TOLERANCE, keep_inside, to_boat
 from usvnet.data.formats.json_files import read_json
-from usvnet.data.pictures import SUFFIXES
+from usvnet.data.picture_files import PICTURE_SUFFIXES, pictures_below
 from usvnet.data.records import Faults, Labels
 from usvnet.geometry.yaml_files import Mapping, as_mapping, as_number, require, short
 from usvnet.types import KEYPOINT_NAMES, NUM_KEYPOINTS
@@ -53,9 +53,8 @@ def read_label_studio(path: Path, pictures: Path, faults: Faults, follow: Follow
     if not isinstance(tasks, list) or not tasks:
         raise ValueError(f"{path}: expected a list of tasks, as Label Studio's JSON export writes it")
     files: dict[str, list[Path]] = defaultdict(list)
-    for file in sorted(pictures.rglob("*")):
-        if file.suffix.lower() in SUFFIXES:
-            files[file.name].append(file)
+    for file in pictures_below(pictures):
+        files[file.name].append(file)
     found: dict[Path, LabelledPicture] = {}
     kinds: set[str] = set()
     skipped = 0
@@ -111,7 +110,7 @@ def _find_picture(task: Mapping, files: dict[str, list[Path]], folder: Path) -> 
             continue
         address = urlsplit(value)
         place = PurePosixPath(parse_qs(address.query).get("d", [unquote(address.path)])[0])
-        if place.suffix.lower() not in SUFFIXES:
+        if place.suffix.lower() not in PICTURE_SUFFIXES:
             continue
         upload = UPLOAD.fullmatch(place.name)
         candidates = files.get(place.name) or (files.get(upload[1], []) if upload else [])
@@ -123,7 +122,7 @@ def _find_picture(task: Mapping, files: dict[str, list[Path]], folder: Path) -> 
         if not candidates:
             raise FileNotFoundError(f"no picture {short(place.name)} below {folder}")
         return candidates[0]
-    raise ValueError(f"data names no picture, expected a name that ends in one of {', '.join(SUFFIXES)}")
+    raise ValueError(f"data names no picture, expected a name that ends in one of {', '.join(PICTURE_SUFFIXES)}")
 
 
 def _read_boats(result: list[Mapping], size_px: tuple[int, int], kinds: set[str]) -> list[Labels]:

@@ -27,7 +27,7 @@ from usvnet.data.formats.exports import (
     refuse_several_classes,
 )
 from usvnet.data.formats.ranges import REFERENCES, TOO_LARGE
-from usvnet.data.pictures import SUFFIXES
+from usvnet.data.picture_files import PICTURE_SUFFIXES, pictures_below
 from usvnet.data.records import SPLITS, Faults, RangeReading
 
 HEADERS = {
@@ -56,10 +56,10 @@ def read_scene_folder(folder: Path, faults: Faults, follow: Follow = iter) -> Ex
         FileNotFoundError: no pictures, or no labels.
         ValueError: naming file and line.
     """
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
+    paths = pictures_below(folder)
     names = [path.relative_to(folder) for path in paths]
     if not names:
-        raise FileNotFoundError(f"{folder}: no pictures, expected some {', '.join(SUFFIXES)}")
+        raise FileNotFoundError(f"{folder}: no pictures, expected some {', '.join(PICTURE_SUFFIXES)}")
     label_paths = {name: _label_path(folder, name) for name in names}
     if not any(path.is_file() for path in label_paths.values()):
         raise FileNotFoundError(f"{folder}: no labels, expected a text file such as {label_paths[names[0]]}")
