@@ -1,5 +1,7 @@
 """A crop and its image are one scale and one shift apart, and the crop shows what lies there in the native picture."""
 
+import math
+
 import pytest
 import torch
 from torch.nn import functional
@@ -14,6 +16,7 @@ from usvnet.crops import (
     from_crop,
     inside_crop,
     jitter_boxes,
+    jitter_keypoints,
     place_crops,
     to_crop,
 )
@@ -68,6 +71,19 @@ def test_jittered_boxes_stray_as_far_as_they_may():
     scale = ((strayed[:, 2:] - strayed[:, :2]) / (boxes_px[:, 2:] - boxes_px[:, :2])).log()
     torch.testing.assert_close(scale[:, 0], scale[:, 1])
     assert 0.23 < scale.abs().max() < 0.25
+
+
+def test_jittered_keypoints_stray_by_a_share_of_the_boat_that_differs_from_boat_to_boat():
+    torch.manual_seed(0)
+    boxes_px = torch.tensor([[0.0, 0, 100, 40], [0.0, 0, 10, 4]]).expand(4000, 2, 4)
+    labels_px = torch.rand(4000, 2, 7, 2)
+    error = (jitter_keypoints(labels_px, boxes_px, 0.01, 0.04) - labels_px) / torch.tensor([100.0, 10.0])[:, None, None]
+    squared = error.square().mean((2, 3))
+    expected = (0.04**2 - 0.01**2) / math.log(0.04 / 0.01)  # of 2 s^2, s being even on a logarithmic scale
+    torch.testing.assert_close(squared.mean(0), torch.full((2,), expected), rtol=0.08, atol=0)
+    together = error.mean(2)  # half of the variance, and a seventh of the other half
+    torch.testing.assert_close(together.square().mean((0, 2)), torch.full((2,), expected * 4 / 7), rtol=0.08, atol=0)
+    assert squared.quantile(0.9) > 6 * squared.quantile(0.1)
 
 
 def test_places_have_no_gradient():

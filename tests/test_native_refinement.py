@@ -108,12 +108,14 @@ def test_range_alone_teaches_the_refiner_and_through_it_the_detector(frame):
         assert gradient.abs().sum() > 0
 
 
-def test_a_frozen_detector_stays_as_it_is_while_the_refiner_learns(frame, untrained):
+def test_a_frozen_detector_is_not_asked_and_stays_as_it_is_while_the_refiner_learns(frame, untrained):
     module = USVModule(refine="native", freeze="detector", initial_weights=str(untrained)).train()
+    module.model.network.register_forward_hook(lambda *_: pytest.fail("the detector was asked"))
     batch = native_batch(frame)
     before = {name: value.clone() for name, value in module.model.network.state_dict().items()}
     losses = module.losses(batch)
     losses["total"].backward()
+    assert losses.keys() == {"refined_heatmap", "refined_covariance", "range", "total"}
     assert losses["refined_heatmap"] > 0
     assert all(parameter.grad is None for parameter in module.model.network.parameters())
     assert module.model.refiner.heatmaps.stem.conv.weight.grad.abs().sum() > 0

@@ -94,6 +94,24 @@ def jitter_boxes(boxes_px: Tensor, shift: float = 0.15, log_scale: float = 0.25)
     return torch.cat([centre - half, centre + half], -1)
 
 
+def jitter_keypoints(keypoints_px: Tensor, boxes_px: Tensor, smallest: float = 0.005, largest: float = 0.08) -> Tensor:
+    """Labelled keypoints (..., 7, 2) as a detector might find them, of some boats well and of others badly.
+
+    Each boat is given a standard deviation, a fraction of its longer side drawn evenly on a logarithmic scale; by that
+    much its keypoints move together, and each by as much again.
+
+    Args:
+        keypoints_px: the keypoints.
+        boxes_px: (..., 4) of the same boats.
+        smallest: least of those fractions.
+        largest: greatest of them.
+    """
+    longer_px = (boxes_px[..., 2:] - boxes_px[..., :2]).amax(-1)[..., None, None]
+    std_px = longer_px * smallest * (largest / smallest) ** torch.rand_like(longer_px)
+    together = torch.randn_like(keypoints_px[..., :1, :])
+    return keypoints_px + std_px * (together + torch.randn_like(keypoints_px))
+
+
 def to_crop(points_px: Tensor, crops: Crops) -> Tensor:
     """Points (M, K, 2) of the image in the pixels of their crops."""
     return (points_px - crops.corner_px.unsqueeze(1)) / crops.step_px.unsqueeze(1)

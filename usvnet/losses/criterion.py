@@ -89,7 +89,6 @@ class Criterion(nn.Module):
         boxes_px = boats.boxes_px[picture, boat].float()
         visibility = boats.visibility[picture, boat]
         distances = side_distances(boxes_px, output.anchors_px[anchor].float(), output.strides_px[anchor].float())
-        jitter_cells = HEATMAP_JITTER_CELLS if self.training else 0
 
         losses = {
             "box": box_loss(output.boxes_px[picture, anchor].float(), boxes_px, weight),
@@ -108,26 +107,44 @@ class Criterion(nn.Module):
                 boats,
                 self.heatmap_sigma_cells,
                 heatmap.SEARCH_FACTOR * self.heatmap_radius,  # wherever decoding may look, other ends of the boat too
-                jitter_cells,
+                self._jitter_cells(),
             ),
             "range": range_loss(slant_m.float(), slant_valid, boats)[0],
             "covariance": covariance_loss(moments, boats, self.heatmap_sigma_cells, heatmap.COVARIANCE_FLOOR_PX2),
         }
         if refinement is not None:
-            losses |= self.refined(refinement, boats, jitter_cells)
+            losses |= self._refined(refinement, boats)
+        return self._with_total(losses, range_scale)
+
+    def second_look(
+        self,
+        boats: Boats,
+        slant_m: Tensor,
+        slant_valid: Tensor,
+        range_scale: Tensor | float,
+        refinement: Refinement,
+    ) -> dict[str, Tensor]:
+        """The losses of a refinement that learns alone; arguments and answer as in :meth:`forward`."""
+        losses = {"range": range_loss(slant_m.float(), slant_valid, boats)[0]}
+        return self._with_total(losses | self._refined(refinement, boats), range_scale)
+
+    def _with_total(self, losses: dict[str, Tensor], range_scale: Tensor | float) -> dict[str, Tensor]:
         scale = {name: getattr(self.weights, name.removeprefix("refined_")) for name in losses}
         for name in scale.keys() & {"range", "covariance", "refined_covariance"}:
             scale[name] *= range_scale
         total = torch.stack([scale[name] * loss for name, loss in losses.items()]).sum()
         return {name: loss.detach() for name, loss in losses.items()} | {"total": total}
 
-    def refined(self, refinement: Refinement, boats: Boats, jitter_cells: int) -> dict[str, Tensor]:
+    def _jitter_cells(self) -> int:
+        return HEATMAP_JITTER_CELLS if self.training else 0
+
+    def _refined(self, refinement: Refinement, boats: Boats) -> dict[str, Tensor]:
         """The losses of the refined heatmaps."""
         logits, labels = refinement.heatmap_logits, boats_in_crops(refinement, boats)
         reach = heatmap.SEARCH_FACTOR * self.heatmap_radius
         return {
             "refined_heatmap": heatmap_loss(
-                logits, labels, self.heatmap_sigma_cells, reach, jitter_cells, REFINED_STRIDE
+                logits, labels, self.heatmap_sigma_cells, reach, self._jitter_cells(), REFINED_STRIDE
             ),
             "refined_covariance": covariance_loss(
                 refinement.moments, labels, self.heatmap_sigma_cells, heatmap.COVARIANCE_FLOOR_PX2, REFINED_STRIDE

@@ -28,9 +28,10 @@ CONTRAST_FLOOR = 0.02
 
 
 class RefinedHeatmaps(nn.Module):
-    """A small hourglass at strides 2, 4 and 8 of the crop: for one boat a fifth of the smallest detector's work.
+    """A small hourglass at strides 2 to 16 of the crop: for one boat a fifth of the smallest detector's work.
 
-    Each crop is seen in its own contrast, since dusk and fog leave a boat a few grey levels only.
+    At stride 16 it sees the whole boat, and so which end of it a corner belongs to. Each crop is seen in its own
+    contrast, since dusk and fog leave a boat a few grey levels only.
     """
 
     def __init__(self, hidden: int = 32) -> None:
@@ -41,6 +42,12 @@ class RefinedHeatmaps(nn.Module):
         self.down8 = nn.Sequential(
             Conv(2 * hidden, 2 * hidden, 3, stride=2), *(Bottleneck(2 * hidden, 2 * hidden) for _ in range(2))
         )
+        self.down16 = nn.Sequential(
+            Conv(2 * hidden, 3 * hidden, 3, stride=2),
+            *(Bottleneck(3 * hidden, 3 * hidden) for _ in range(2)),
+            Conv(3 * hidden, 2 * hidden, 1),
+        )
+        self.up8 = Conv(2 * hidden, 2 * hidden, 3)
         self.up4 = Conv(2 * hidden, hidden, 3)
         self.up2 = Conv(hidden, hidden, 3)
         self.enlarge = nn.Upsample(scale_factor=2.0, mode="bilinear")
@@ -54,6 +61,7 @@ class RefinedHeatmaps(nn.Module):
         stride2 = self.enter(torch.cat([self.stem(seen), hints], 1))
         stride4 = self.down4(stride2)
         stride8 = self.down8(stride4)
+        stride8 = self.up8(stride8 + self.enlarge(self.down16(stride8)))
         stride4 = self.up4(stride4 + self.enlarge(stride8))
         return self.heatmap(self.up2(stride2 + self.enlarge(stride4)))
 
