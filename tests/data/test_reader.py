@@ -58,6 +58,7 @@ def test_a_measured_attitude_replaces_the_mounts(tiny: Path):
 def test_several_cameras_are_told_apart(tiny: Path):
     other = load_camera(tiny / "cameras" / "front.yaml")._replace(height_m=torch.tensor([3.0]))
     save_camera(other, tiny / "cameras" / "mast.yaml")
+    (tiny / "frames.csv").write_text("image,camera\ntrain/0001.png,front\n")
     with pytest.raises(ValueError, match=r"frames\.csv: no camera for train/0000\.png, expected one of front, mast"):
         read_dataset(tiny, "train")
     rows = "".join(f"train/{i:04d}.png,{'mast' if i == 2 else 'front'}\n" for i in range(4))
@@ -155,6 +156,13 @@ def test_a_camera_that_is_missing_is_one_fault_however_many_pictures_name_it(tin
     assert [len(members) for members in frames.values()] == [1, 2, 1]
     (fault,) = faults
     assert "frames.csv: camera stern is named, expected one of front (the files in" in fault
+
+
+def test_several_cameras_and_no_table_that_tells_them_apart_is_one_fault(tiny: Path):
+    save_camera(load_camera(tiny / "cameras" / "front.yaml"), tiny / "cameras" / "aft.yaml")
+    (tiny / "frames.csv").unlink(missing_ok=True)
+    _, (fault,) = check_dataset(tiny)
+    assert "frames.csv: no such file, which names the camera of every picture, expected one of aft, front" in fault
 
 
 def test_hidden_files_are_no_pictures(tiny: Path):

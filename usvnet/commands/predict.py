@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from usvnet import __version__
+from usvnet.allocator import keep_freed_memory
 from usvnet.checkpoints import sha256
 from usvnet.data.attitudes import AttitudeConfig
 from usvnet.deploy.annotated import annotated_pictures, annotated_video
@@ -98,6 +99,7 @@ def predict(
         ValueError: one that is not what it should be, or an option out of range.
         ConnectionError: a stream that cannot be opened, or that broke off and did not come back.
     """
+    keep_freed_memory()  # pictures come and go all day: the process is soon as large as it will be, and stays so
     estimator = estimator or best_estimator()
     check_estimator(estimator)
     for name, number in (("batch_size", batch_size), ("max_frames", max_frames)):
@@ -105,6 +107,8 @@ def predict(
             raise ValueError(f"{name}: got {number}, expected at least 1")
     if checkpoint is not None and model is not None:
         raise ValueError("checkpoint and model: got both, expected one of them")
+    if output.exists() and not output.is_dir():
+        raise ValueError(f"{output}: expected a folder for the results, but it is a file")
     weights = model or checkpoint or default_checkpoint()
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     before = [output / name for name in OUTPUTS if (output / name).exists()]

@@ -133,11 +133,14 @@ def _picture_names(root: Path, folder: Path, faults: Faults) -> list[str]:
 def _camera_of(root: Path, name: str, note: FrameNotes, cameras: dict[str, Camera]) -> Camera:
     """Choose the picture's camera, as it is mounted."""
     known = f"expected one of {', '.join(cameras)} (the files in {root / 'cameras'})"
+    table = root / "frames.csv"
     if note.camera is None and len(cameras) != 1:
-        raise ValueError(f"{root / 'frames.csv'}: no camera for {name}, {known}")
+        if not table.is_file():  # one sentence for all pictures
+            raise FileNotFoundError(f"{table}: no such file, which names the camera of every picture, {known}")
+        raise ValueError(f"{table}: no camera for {name}, {known}")
     key = note.camera or next(iter(cameras))
     if key not in cameras:
-        raise ValueError(f"{root / 'frames.csv'}: camera {key} is named, {known}")
+        raise ValueError(f"{table}: camera {key} is named, {known}")
     return cameras[key]
 
 
