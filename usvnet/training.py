@@ -50,7 +50,7 @@ class USVModule(LightningModule):
         refine: "native" also trains a small network that looks at far boats again in the picture as the camera took it
             (needs ``data.native_size``).
         freeze: "detector" leaves the detector as ``initial_weights`` has it and trains the refinement alone, on hints
-            that are labels made worse: the detector is not asked, which is several times as quick.
+            that are labels made worse: the detector is not asked, which is quicker.
 
     Raises:
         ValueError: settings that do not fit together, or weights that do not fit.
