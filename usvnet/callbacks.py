@@ -11,6 +11,7 @@ from lightning.pytorch.callbacks import LearningRateMonitor, ModelCheckpoint, We
 from lightning.pytorch.loggers import TensorBoardLogger
 from torch import Tensor, nn
 
+from usvnet.allocator import give_back_freed_memory, keep_freed_memory
 from usvnet.evaluation.records import RANGE_CONFIDENCE, BoatRecord, TruthRecord, match_boats, to_records, to_truths
 from usvnet.types import Batch
 from usvnet.visualize import Picture, draw_boat, draw_boats, range_label
@@ -27,6 +28,7 @@ def run_callbacks(run_dir: Path | str) -> list[Callback]:
         ModelCheckpoint(folder, filename="best", monitor=MONITOR, mode="max", enable_version_counter=False),
         LastCheckpoint(folder),
         StepSeed(),
+        FreedMemory(),
         LearningRateMonitor(logging_interval="step"),
         OverlayPictures(),
         StatusLine(),
@@ -135,6 +137,18 @@ class StepSeed(Callback):
         """Derive the step's seed from the run's, the epoch, the batch and the process."""
         step = (self.seed, trainer.current_epoch, batch_idx, trainer.global_rank)
         torch.manual_seed(int(np.random.SeedSequence(step).generate_state(1)[0]))
+
+
+class FreedMemory(Callback):
+    """Keep the memory that a step frees for the next one, until the epoch ends."""
+
+    def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Begin."""
+        keep_freed_memory()
+
+    def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Give back what it has come to, a validation's included."""
+        give_back_freed_memory()
 
 
 class OverlayPictures(Callback):

@@ -12,7 +12,6 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.trainer.states import TrainerStatus
 
-from usvnet.allocator import keep_freed_memory
 from usvnet.callbacks import CHECKPOINT_FOLDER, run_callbacks
 from usvnet.checkpoints import check_variant, read_checkpoint
 from usvnet.data.datamodule import BoatDataModule
@@ -135,7 +134,6 @@ class TrainingCLI(LightningCLI):
         if start is None and (self.checkpoints / "last.ckpt").is_file() and self.trainer.is_global_zero:
             note = "its checkpoints will be replaced (--resume true goes on with it instead)"
             print(f"note: {self.config.run_dir} holds a run already, {note}", file=sys.stderr)
-        keep_freed_memory()
         try:
             self.trainer.fit(self.model, self.datamodule, ckpt_path=start, weights_only=True)
         except SystemExit:  # Lightning's way out of Ctrl-C
