@@ -14,7 +14,7 @@ LARGEST_BLOCK = 2**30
 
 
 def keep_freed_memory() -> bool:
-    """Let this process reuse what it has freed; it then stays as large as it has ever been.
+    """Let this process reuse what it has freed; it then stays as large as it has ever been (but see below).
 
     Returns:
         Whether the C library can (glibc); elsewhere nothing changes.
