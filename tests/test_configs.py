@@ -136,7 +136,6 @@ def test_the_parser_raises_instead_of_leaving():
 
 def test_a_fresh_start_over_another_run_is_told(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("lightning.pytorch.Trainer.fit", lambda *_, **__: None)
-    monkeypatch.setattr("usvnet.training_cli.keep_freed_memory", lambda: None)
     build(tmp_path, "--config", "configs/experiment/quickstart.yaml").fit()
     assert capsys.readouterr().err == ""
     (tmp_path / "checkpoints").mkdir()

@@ -39,12 +39,27 @@ def test_a_keypoint_outside_its_crop_is_no_label():
     assert found.visibility[0, 0].tolist() == [2, 2, 2, 0, 2, 2, 2]
 
 
+def losses(refinement: Refinement) -> dict[str, torch.Tensor]:
+    """Of a refinement that learns alone, of boats that no laser has ranged."""
+    no_ranges = BOATS._replace(range_m=torch.zeros(2, 2))
+    found: dict[str, torch.Tensor] = (
+        Criterion(LossWeights())
+        .eval()
+        .second_look(no_ranges, torch.ones(2, 2), torch.ones(2, 2, dtype=torch.bool), 1.0, refinement)
+    )
+    return found
+
+
 def test_perfect_refined_heatmaps_cost_nothing():
-    losses = Criterion(LossWeights()).eval().refined(perfect(), BOATS, jitter_cells=0)
-    assert losses["refined_heatmap"].item() == pytest.approx(0, abs=1e-5)
-    assert losses["refined_covariance"].item() == pytest.approx(0, abs=1e-3)
+    found = losses(perfect())
+    assert found["refined_heatmap"].item() == pytest.approx(0, abs=1e-5)
+    assert found["refined_covariance"].item() == pytest.approx(0, abs=1e-3)
+    assert found["range"].item() == 0
 
 
 def test_refined_heatmaps_of_another_boat_cost():
-    wrong = perfect()._replace(heatmap_logits=perfect().heatmap_logits.flip(1))
-    assert Criterion(LossWeights()).eval().refined(wrong, BOATS, jitter_cells=0)["refined_heatmap"] > 1
+    found = losses(perfect()._replace(heatmap_logits=perfect().heatmap_logits.flip(1)))
+    assert found["refined_heatmap"] > 1
+    weights = LossWeights()
+    expected = weights.heatmap * found["refined_heatmap"] + weights.covariance * found["refined_covariance"]
+    torch.testing.assert_close(found["total"], expected)
