@@ -141,3 +141,13 @@ def test_a_batch_without_boats_trains_without_nan():
     found.heatmap_logits.sum().backward()
     assert all(parameter.grad.isfinite().all() for parameter in model.parameters())
     assert all(buffer.isfinite().all() for buffer in model.buffers())
+
+
+def test_a_boat_is_seen_alike_however_many_there_are():
+    model, labels = refiner(), boats(5)
+    with torch.no_grad():
+        together = look(model, labels, error_px=0.0)
+        model.crops_at_once = 2
+        in_turn = look(model, labels, error_px=0.0)
+    torch.testing.assert_close(in_turn.heatmap_logits, together.heatmap_logits, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(in_turn.keypoints_px, together.keypoints_px, rtol=0, atol=1e-3)
