@@ -43,6 +43,7 @@ def main(
     output: Path,
     split: str = "test",
     keypoint_share: float = 0.0,
+    drawn_size_std: float = 0.0,
     attitude_std_deg: float | None = None,
     wave_std_m: float | None = None,
     disturbance_deg: float = 0.3,
@@ -57,6 +58,7 @@ def main(
         output: folder of the page.
         split: the split.
         keypoint_share: doubt of the keypoints as a share of the boat's size, as ranging_evidence.py tells it.
+        drawn_size_std: how much larger or smaller a boat is drawn, as ranging_evidence.py tells it.
         attitude_std_deg: standard deviation of pitch and roll as measured; as the camera files say by default.
         wave_std_m: standard deviation of the water at a boat; as the camera files say by default.
         disturbance_deg: standard deviation of what is added to pitch and roll.
@@ -85,8 +87,8 @@ def main(
     if not boats:
         raise ValueError(f"{root}: {split}: no horizon was seen in {len(pictures)} pictures with a laser-ranged boat")
     both = {
-        "without": range_boats(boats, without, keypoint_share),
-        "with": range_boats(boats, joined, keypoint_share),
+        "without": range_boats(boats, without, keypoint_share, drawn_size_std),
+        "with": range_boats(boats, joined, keypoint_share, drawn_size_std),
     }
     table = range_table(both, len(pictures), draws)
     with atomic_write(output / "horizon_ranges.md") as temporary:
@@ -105,10 +107,12 @@ def joined_with_horizon(frame: Frame, edge_m: float | None) -> Frame | None:
     return dataclasses.replace(frame, camera=with_attitude(camera, *attitude))
 
 
-def range_boats(boats: Sequence[RangedBoat], frames: Sequence[Frame], share: float) -> list[RangedBoat]:
+def range_boats(
+    boats: Sequence[RangedBoat], frames: Sequence[Frame], share: float, size_std: float
+) -> list[RangedBoat]:
     """Boats ranged with the cameras of these frames, one for each."""
     cases = native_cases([(item.boat, frame) for item, frame in zip(boats, frames) if item.boat is not None])
-    return range_anew(boats, cases.with_noise(share), RangingLayer())
+    return range_anew(boats, cases.with_noise(share, size_std), RangingLayer())
 
 
 def range_table(both: dict[str, list[RangedBoat]], pictures: int, draws: int) -> Table:

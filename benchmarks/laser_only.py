@@ -155,7 +155,8 @@ def ranged(model: USVNet, seen: Seen, chosen: Tensor) -> tuple[Ranges, Tensor]:
     boxes_px = seen.boxes_px[chosen]
     camera = Camera(*(field[chosen] for field in seen.camera))
     hull = Hull(*(field[chosen] for field in seen.hull))
-    ranges: Ranges = model.ranging(keypoints_px, model.noise(covariance_px2, boxes_px), boxes_px, camera, hull)
+    covariance_px2, hull = model.noise(covariance_px2, boxes_px), model.noise.resized(hull)
+    ranges: Ranges = model.ranging(keypoints_px, covariance_px2, boxes_px, camera, hull)
     return ranges, keypoints_px
 
 

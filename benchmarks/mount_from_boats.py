@@ -43,6 +43,7 @@ def main(
     output: Path,
     split: str = "test",
     keypoint_share: float = 0.0,
+    drawn_size_std: float = 0.0,
     attitude_std_deg: float = 0.02,
     wave_std_m: float | None = None,
     disturbance_deg: float = 0.3,
@@ -58,6 +59,7 @@ def main(
         output: folder of the page.
         split: the split.
         keypoint_share: doubt of the keypoints as a share of the boat's size, as ranging_evidence.py tells it.
+        drawn_size_std: how much larger or smaller each boat is drawn, as ranging_evidence.py tells it; for its range.
         attitude_std_deg: how far the tripod moves from picture to picture.
         wave_std_m: standard deviation of the water at a boat; as the camera files say by default.
         disturbance_deg: standard deviation of the mount's pitch and roll.
@@ -70,6 +72,7 @@ def main(
     boats = [item for item in ranged_boats(records, list(map(frame_truths, frames))) if item.boat is not None]
     cases = native_cases([(item.boat, frames[item.picture]) for item in boats if item.boat is not None])
     cases = cases.with_noise(keypoint_share)
+    doubted = cases.with_noise(0.0, drawn_size_std)
     camera, hull = only_one(cases, root, split)
     own_rad, std_rad = math.radians(attitude_std_deg), math.radians(disturbance_deg)
     ranged: dict[str, list[RangedBoat]] = {RIGHT: [], WRONG: [], FOUND: []}
@@ -84,7 +87,7 @@ def main(
             found = fit_mount_to_hulls(cases.keypoints_px[known], cases.covariance_px2[known], told, hull, size_std)
             pitches.append(pitch_error(found, camera))
             for name, mount in ((RIGHT, camera), (WRONG, told), (FOUND, found.camera)):
-                ranged[name] += range_boats(boats, cases, asked, moving(mount, own_rad))
+                ranged[name] += range_boats(boats, doubted, asked, moving(mount, own_rad))
     table = range_table(ranged, pitches, cases.count, draws)
     with atomic_write(output / "mount_from_boats.md") as temporary:
         temporary.write_text(table.to_markdown(), encoding="utf-8")

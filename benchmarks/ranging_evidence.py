@@ -1,9 +1,9 @@
 r"""What a trained network's ranges are worth: every estimator, the attitude as measured and disturbed, as one page.
 
 The network runs once over the validation and the test split; everything after that is geometry. The validation split
-calibrates: keypoint noise first, then the intervals. Since a test split of a few dozen boats knows a coverage badly,
-both splits together are cross-calibrated as well. Sigmas of the attitude and of the waves are stated here, for what a
-camera file says need not be true.
+calibrates: keypoint noise first, then how well sizes are drawn, then the intervals. Since a test split of a few dozen
+boats knows a coverage badly, both splits together are cross-calibrated as well. Sigmas of the attitude and of the waves
+are stated here, for what a camera file says need not be true.
 
 python benchmarks/ranging_evidence.py --checkpoint best.ckpt --root sixscenes-v0 --output out \
     --attitude_std_deg 0.05 --wave_std_m 0.014
@@ -13,6 +13,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -33,6 +34,7 @@ from usvnet.evaluation.predictions import predict_dataset, read_predictions
 from usvnet.evaluation.range_metrics import RangedBoat, group_boats, range_errors, ranged_boats
 from usvnet.evaluation.records import ESTIMATORS
 from usvnet.evaluation.reranging import Cases, native_cases, range_anew
+from usvnet.evaluation.size_calibration import fit_size_std
 from usvnet.evaluation.tables import Cell, Column, Table
 from usvnet.evaluation.uncertainty_report import floor_table, interval_table
 from usvnet.files import atomic_write
@@ -70,6 +72,7 @@ def main(
     """
     model = load_model(checkpoint)
     model.noise.set_share(0.0)
+    model.noise.set_size_std(0.0)
     model.intervals.set_factors({})
     frames, ranged = {}, {}
     for split in ("val", "test"):
@@ -81,13 +84,17 @@ def main(
         records = [picture.boats for picture in read_predictions(path, meta)]
         ranged[split] = ranged_boats(records, [frame_truths(frame) for frame in dataset.frames])
         frames[split] = [with_sigmas(frame, attitude_std_deg, wave_std_m) for frame in dataset.frames]
-    share = keypoint_share(ranged["val"])
+    doubts = fit_doubts(ranged["val"], frames["val"])
     size_px = max(frames["test"][0].size_px)
     ranging = RangingLayer(model.ranging.curved_water, box_bottom_std_px=size_px / image_size)
-    lines = [f"Keypoints of val stray by {100 * share:.1f} % of a boat's size beyond what their heatmaps say.", ""]
+    lines = [
+        f"Keypoints of val stray by {100 * doubts.share:.1f} % of a boat's size beyond what their heatmaps say, "
+        f"and boats are drawn larger or smaller than they are by {100 * doubts.size_std:.1f} %.",
+        "",
+    ]
     for disturbance in disturbances_deg or [0.0, 0.3]:
         seen = {
-            split: disturbed(ranged[split], frames[split], share, disturbance, times, ranging)
+            split: disturbed(ranged[split], frames[split], doubts, disturbance, times, ranging)
             for split, times in (("val", 1), ("test", draws if disturbance else 1))
         }
         factors = fit_intervals(seen["val"])
@@ -128,9 +135,17 @@ def with_sigmas(frame: Frame, attitude_std_deg: float | None, wave_std_m: float 
     return dataclasses.replace(frame, camera=camera._replace(pitch_std_rad=pitch_std_rad, roll_std_rad=roll_std_rad))
 
 
-def keypoint_share(ranged: Sequence[RangedBoat]) -> float:
-    """What the labels of these boats say of their keypoints' noise."""
-    return fit_keypoint_share([(item.boat, item.truth) for item in ranged if item.boat is not None])
+class Doubts(NamedTuple):
+    """What is not to be believed of a boat (see :mod:`usvnet.keypoint_noise`)."""
+
+    share: float = 0.0
+    size_std: float = 0.0
+
+
+def fit_doubts(ranged: Sequence[RangedBoat], frames: Sequence[Frame]) -> Doubts:
+    """What the labels and lasers of these boats say of it."""
+    share = fit_keypoint_share([(item.boat, item.truth) for item in ranged if item.boat is not None])
+    return Doubts(share, fit_size_std(ranged, frames, share))
 
 
 def found_cases(ranged: Sequence[RangedBoat], frames: Sequence[Frame]) -> Cases:
@@ -141,14 +156,14 @@ def found_cases(ranged: Sequence[RangedBoat], frames: Sequence[Frame]) -> Cases:
 def disturbed(
     ranged: Sequence[RangedBoat],
     frames: Sequence[Frame],
-    share: float,
+    doubts: Doubts,
     std_deg: float,
     times: int,
     ranging: RangingLayer,
     generator: torch.Generator | None = None,
 ) -> list[RangedBoat]:
     """Every boat ``times`` over, each time with another error of pitch and roll, which their sigmas are told."""
-    cases = found_cases(ranged, [with_sigmas(frame, None, None, std_deg) for frame in frames]).with_noise(share)
+    cases = found_cases(ranged, [with_sigmas(frame, None, None, std_deg) for frame in frames]).with_noise(*doubts)
     cases = cases.repeat(times)
     generator = generator or torch.Generator().manual_seed(0)
     error_rad = math.radians(std_deg) * torch.randn(2, cases.count, dtype=torch.float64, generator=generator)
@@ -200,9 +215,9 @@ def cross_scored(
     generator = torch.Generator().manual_seed(0)
 
     def calibrate(others: Sequence[RangedBoat], held_out: Sequence[RangedBoat]) -> list[RangedBoat]:
-        share = keypoint_share(others)
-        factors = fit_intervals(disturbed(others, frames, share, std_deg, 1, ranging, generator))
-        return with_factors(disturbed(held_out, frames, share, std_deg, times, ranging, generator), factors)
+        doubts = fit_doubts(others, frames)
+        factors = fit_intervals(disturbed(others, frames, doubts, std_deg, 1, ranging, generator))
+        return with_factors(disturbed(held_out, frames, doubts, std_deg, times, ranging, generator), factors)
 
     return cross_calibrate(ranged, calibrate, folds)
 
@@ -227,8 +242,8 @@ def coverage_table(ranged: Sequence[RangedBoat], folds: int) -> Table:
         ],
         rows=rows,
         strong=frozenset(range(len(rows) - len(ESTIMATORS), len(rows))),
-        note="Keypoint noise and factors fitted on other folds. All boats together hit 90 % nearly by construction, "
-        "bins need not. std. error: of the calibrated hit, pictures being independent.",
+        note="Keypoint noise, doubt of sizes and factors fitted on other folds. All boats together hit 90 % nearly by "
+        "construction, bins need not. std. error: of the calibrated hit, pictures being independent.",
     )
 
 

@@ -97,14 +97,15 @@ def test_a_calibration_travels_in_the_checkpoint(model, checkpoint, tmp_path):
     path = save(checkpoint, tmp_path)
     assert set(load_model(path).intervals.factors().values()) == {UNCALIBRATED}
     factors = {"waterline": IntervalFactors(1.25, 1.5, 60)}
-    write_calibration(path, 0.03, factors)
+    write_calibration(path, 0.03, 0.02, factors)
     loaded = load_model(path)
     assert loaded.intervals.factors() == dict.fromkeys(ESTIMATORS, UNCALIBRATED) | factors
     assert loaded.noise.get_share() == pytest.approx(0.03)
+    assert loaded.noise.get_size_std() == pytest.approx(0.02)
     assert loaded.state_dict().keys() == model.state_dict().keys()
     for name, value in model.state_dict().items():
         torch.testing.assert_close(loaded.state_dict()[name], value, rtol=0, atol=0)
-    write_calibration(path, 0.0, {})
+    write_calibration(path, 0.0, 0.0, {})
     assert set(load_model(path).intervals.factors().values()) == {UNCALIBRATED}
     assert load_model(path).noise.get_share() == 0.0
 
@@ -113,6 +114,9 @@ def test_a_calibration_travels_in_the_checkpoint(model, checkpoint, tmp_path):
 def test_wrong_keypoint_noise_is_refused(checkpoint, share, tmp_path):
     checkpoint["usvnet"]["keypoint_share"] = share
     with pytest.raises(ValueError, match=r"best\.ckpt: keypoint noise: expected a share"):
+        load_model(save(checkpoint, tmp_path))
+    checkpoint["usvnet"] |= {"keypoint_share": 0.0, "size_std": share}
+    with pytest.raises(ValueError, match=r"best\.ckpt: drawn size: expected a standard deviation"):
         load_model(save(checkpoint, tmp_path))
 
 

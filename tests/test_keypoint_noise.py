@@ -6,6 +6,7 @@ import torch
 from usvnet.deploy.parity import probe_camera
 from usvnet.keypoint_noise import KeypointNoise
 from usvnet.model import USVNet
+from usvnet.types import Hull
 
 COVARIANCE_PX2 = torch.tensor([[4.0, 1.0], [1.0, 9.0]]).expand(1, 2, 7, 2, 2)
 BOXES_PX = torch.tensor([[[10.0, 20.0, 110.0, 45.0], [0.0, 0.0, 40.0, 10.0]]])
@@ -44,6 +45,17 @@ def test_scripted_equals_eager_and_it_is_no_weight(noise):
 def test_gradients_are_right(noise):
     covariance_px2 = COVARIANCE_PX2.double().contiguous().requires_grad_()
     assert torch.autograd.gradcheck(noise, (covariance_px2, BOXES_PX.double().requires_grad_()))
+
+
+def test_a_hull_is_no_better_known_in_size_than_the_network_draws_it(noise):
+    hull = Hull(torch.rand(2, 7, 3), scale_std=torch.tensor([0.0, 0.04]), point_std_m=torch.tensor([0.01, 0.02]))
+    noise.set_size_std(0.03)
+    resized = torch.jit.script(noise).resized(hull)
+    torch.testing.assert_close(resized.scale_std, torch.tensor([0.03, 0.05]))
+    assert torch.equal(resized.points_m, hull.points_m)
+    assert torch.equal(resized.point_std_m, hull.point_std_m)
+    with pytest.raises(ValueError, match=r"drawn size: expected a standard deviation in \[0, 1\], got -0.1"):
+        noise.set_size_std(-0.1)
 
 
 @pytest.mark.parametrize("share", [-0.01, 1.01, float("nan"), None])

@@ -16,7 +16,7 @@ from usvnet.model import USVNet
 STAMP = "usvnet"
 """Key of what training writes beside the weights: variant, curved_water, refine (see :class:`USVNet`; absent is
 None), image_size (px, None where not known) and, once they are calibrated, intervals: factor_68, factor_90 and boats of
-each estimator (see :mod:`usvnet.intervals`), and keypoint_share (see :mod:`usvnet.keypoint_noise`)."""
+each estimator (see :mod:`usvnet.intervals`), keypoint_share and size_std (see :mod:`usvnet.keypoint_noise`)."""
 MODEL_PREFIX = "model."
 """Where the weights of :class:`USVNet` stand in the ``state_dict`` of :class:`usvnet.training.USVModule`."""
 
@@ -90,18 +90,22 @@ def load_model(path: Path | str, variant: str | None = None) -> USVNet:
         raise ValueError(f"{path}: its weights do not fit a network of size {stamp['variant']!r}: {reason}") from error
     try:
         model.noise.set_share(stamp.get("keypoint_share", 0.0))
+        model.noise.set_size_std(stamp.get("size_std", 0.0))
         model.intervals.set_factors({name: IntervalFactors(*row) for name, row in stamp.get("intervals", {}).items()})
     except (ValueError, TypeError, AttributeError, OverflowError, RuntimeError) as error:
         raise ValueError(f"{path}: {error}") from error
     return model.eval()
 
 
-def write_calibration(path: Path | str, keypoint_share: float, factors: Mapping[str, IntervalFactors]) -> None:
+def write_calibration(
+    path: Path | str, keypoint_share: float, size_std: float, factors: Mapping[str, IntervalFactors]
+) -> None:
     """Put a calibration in the place of a checkpoint's own, leaving everything else in it as it is.
 
     Args:
         path: the checkpoint.
         keypoint_share: doubt of the keypoints as a share of the boat's size (see :mod:`usvnet.keypoint_noise`).
+        size_std: doubt of the size of a boat as it is drawn.
         factors: of the intervals, by estimator.
 
     Raises:
@@ -110,6 +114,7 @@ def write_calibration(path: Path | str, keypoint_share: float, factors: Mapping[
     """
     checkpoint = read_checkpoint(path)
     checkpoint[STAMP]["keypoint_share"] = keypoint_share
+    checkpoint[STAMP]["size_std"] = size_std
     checkpoint[STAMP]["intervals"] = {name: list(found) for name, found in factors.items()}
     with atomic_write(path) as temporary:
         torch.save(checkpoint, temporary)

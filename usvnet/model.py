@@ -82,6 +82,8 @@ class USVNet(nn.Module):
             refined = self.refiner(native, boats.boxes_px, keypoints_px, covariance_px2, boats.present)
             keypoints_px, covariance_px2 = refined.keypoints_px, refined.covariance_px2
         covariance_px2 = self.noise(covariance_px2, boats.boxes_px)
+        if hull is not None:
+            hull = self.noise.resized(hull)
         ranges = self.ranging(keypoints_px, covariance_px2, boats.boxes_px, camera, hull)
         return Prediction(
             boxes_px=boats.boxes_px,

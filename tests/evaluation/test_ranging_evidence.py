@@ -76,8 +76,8 @@ def test_disturbing_widens_and_scatters_and_sigmas_are_those_that_are_told(evide
     told = evidence.with_sigmas(frames[0], None, None, 0.3).camera
     assert math.degrees(float(told.pitch_std_rad)) == pytest.approx(math.hypot(0.3, 0.05), rel=1e-5)
 
-    still = evidence.disturbed(ranged, frames, 0.0, 0.0, 1, RangingLayer())
-    moved = evidence.disturbed(ranged, frames, 0.0, 0.3, 3, RangingLayer())
+    still = evidence.disturbed(ranged, frames, evidence.Doubts(), 0.0, 1, RangingLayer())
+    moved = evidence.disturbed(ranged, frames, evidence.Doubts(), 0.3, 3, RangingLayer())
     assert len(moved) == 3 * len(still)
     assert range_errors(still, "waterline").rmse_m < 1e-3
     quiet, loud = (range_errors(boats, "waterline") for boats in (still, moved))

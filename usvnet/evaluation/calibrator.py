@@ -1,4 +1,4 @@
-"""Calibrating a checkpoint on boats that it was not trained on: first its keypoints' noise, then its intervals."""
+"""Calibrating a checkpoint on boats that it was not trained on: its keypoints' noise, their size, its intervals."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -16,6 +16,7 @@ from usvnet.evaluation.predictions import predict_pictures
 from usvnet.evaluation.range_metrics import RangedBoat, ranged_boats
 from usvnet.evaluation.records import RANGE_CONFIDENCE, match_boats
 from usvnet.evaluation.reranging import native_cases, range_anew
+from usvnet.evaluation.size_calibration import fit_size_std
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.intervals import IntervalFactors
 
@@ -27,7 +28,7 @@ def calibrate_checkpoint(
     batch_size: int = 16,
     range_confidence: float = RANGE_CONFIDENCE,
 ) -> dict[str, IntervalFactors]:
-    """Find the keypoint noise and the interval factors of a checkpoint, write them into it, and say what they are.
+    """Find keypoint noise, doubt of sizes and interval factors of a checkpoint, write them into it, and tell them.
 
     Args:
         checkpoint: written by train.py; an earlier calibration is replaced.
@@ -46,34 +47,37 @@ def calibrate_checkpoint(
     truths = [frame_truths(frame) for frame in dataset.frames]
     readings = sum(truth.range_m > 0 for labelled in truths for truth in labelled)
     keypoints = sum(int((truth.visibility > 0).sum()) for labelled in truths for truth in labelled)
-    share, factors = 0.0, dict[str, IntervalFactors]()
+    share, size_std, factors = 0.0, 0.0, dict[str, IntervalFactors]()
     if keypoints >= MIN_KEYPOINTS or readings >= MIN_BOATS:  # else there is nothing to predict for
         model = load_model(checkpoint).to("cuda" if torch.cuda.is_available() else "cpu")
         model.noise.set_share(0.0)
+        model.noise.set_size_std(0.0)
         records = [picture.boats for picture in predict_pictures(model, dataset, batch_size)]
         matches = zip(records, truths, strict=True)
         pairs = [pair for boats, known in matches for pair in zip(match_boats(boats, known, range_confidence), known)]
         share = fit_keypoint_share([(boat, truth) for boat, truth in pairs if boat is not None])
         ranged = ranged_boats(records, truths, range_confidence)
-        factors = fit_intervals(add_noise(ranged, dataset.frames, share, model.ranging.curved_water))
+        size_std = fit_size_std(ranged, dataset.frames, share, model.ranging.curved_water)
+        factors = fit_intervals(add_noise(ranged, dataset.frames, share, size_std, model.ranging.curved_water))
         print(f"keypoints of {split} stray by {100 * share:.1f} % of a boat's size beyond what their heatmaps say")
+        print(f"boats of {split} are drawn larger or smaller than they are by {100 * size_std:.1f} %")
     if readings < MIN_BOATS:
         factors = {}
         print(f"intervals not calibrated: {readings} laser readings in {split}, expected at least {MIN_BOATS}")
     else:
         print(f"intervals calibrated on the laser-ranged boats of {split}: {_told(factors)}")
-    write_calibration(checkpoint, share, factors)
+    write_calibration(checkpoint, share, size_std, factors)
     return factors
 
 
 def add_noise(
-    ranged: Sequence[RangedBoat], frames: Sequence[Frame], share: float, curved_water: bool
+    ranged: Sequence[RangedBoat], frames: Sequence[Frame], share: float, size_std: float, curved_water: bool
 ) -> list[RangedBoat]:
-    """What the same boats would have been ranged to with that keypoint noise; ``box_bottom`` has no part in it."""
+    """What the same boats would have been ranged to with those doubts; ``box_bottom`` has no part in it."""
     found = [(item.boat, frames[item.picture]) for item in ranged if item.boat is not None]
     if not found:
         return list(ranged)
-    cases = native_cases(found).with_noise(share)
+    cases = native_cases(found).with_noise(share, size_std)
     anew = []
     for before, after in zip(ranged, range_anew(ranged, cases, RangingLayer(curved_water))):
         if before.boat is not None and after.boat is not None:

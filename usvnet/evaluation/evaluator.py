@@ -170,6 +170,7 @@ def prediction_meta(model: USVNet, dataset: BoatDataset, split: str) -> Meta:
         "iou_threshold": model.iou_threshold,
         "curved_water": model.ranging.curved_water,
         "keypoint_share": model.noise.get_share(),
+        "size_std": model.noise.get_size_std(),
         "intervals": {name: list(found) for name, found in model.intervals.factors().items()},
         "image_size": list(dataset.size_px),
         "native_size": dataset.native_px,

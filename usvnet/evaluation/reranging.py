@@ -54,11 +54,13 @@ class Cases:
             Hull(*map(repeated, self.hull)),
         )
 
-    def with_noise(self, share: float) -> "Cases":
-        """The same boats, their keypoints doubted by ``share`` of a boat's size more."""
+    def with_noise(self, share: float, size_std: float = 0.0) -> "Cases":
+        """The same boats, their keypoints doubted by ``share`` of a boat's size more, and that by ``size_std``."""
         noise = KeypointNoise()
         noise.set_share(share)
-        return dataclasses.replace(self, covariance_px2=noise(self.covariance_px2, self.boxes_px))
+        noise.set_size_std(size_std)
+        covariance_px2 = noise(self.covariance_px2, self.boxes_px)
+        return dataclasses.replace(self, covariance_px2=covariance_px2, hull=noise.resized(self.hull))
 
 
 def native_cases(boats: Sequence[tuple[BoatRecord, Frame]]) -> Cases:

@@ -18,6 +18,7 @@ LABELS = {
     "curved_water": "Curved water",
     "intervals": "Interval factors (68 %, 90 %, boats)",
     "keypoint_share": "Keypoints stray further by, share of the boat",
+    "size_std": "Boats are drawn larger or smaller by, standard deviation",
     "image_size": "The network sees, px",
     "native_size": "Longer side for the second look, px",
     "split": "Split",
