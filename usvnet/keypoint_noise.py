@@ -51,7 +51,8 @@ class KeypointNoise(nn.Module):
     def resized(self, hull: Hull) -> Hull:
         """The hulls to fit, of B boats: as they are, and no better known in size than the network draws them."""
         doubt = self.size_std.to(hull.scale_std.dtype)
-        return Hull(hull.points_m, torch.hypot(hull.scale_std, doubt), hull.point_std_m)
+        scale_std = torch.sqrt(hull.scale_std**2 + doubt**2)  # ONNX has no hypot
+        return Hull(hull.points_m, scale_std, hull.point_std_m)
 
     @torch.jit.unused
     def set_share(self, share: float) -> None:
