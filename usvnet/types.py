@@ -211,7 +211,8 @@ class Ranges(NamedTuple):
     hull: RangeEstimate
     """All keypoints on one rigid hull: the nearer waterline point of the hull that fits them best."""
     fused: RangeEstimate
-    """Waterline and hull together, with what their errors have in common."""
+    """Waterline and hull together, with what their errors have in common; of a boat whose hull is refused, waterline
+    and bottom of the box."""
     heading_rad: Tensor
     """(B, N) the fitted hull's bow, clockwise from the optical axis seen from above."""
     heading_std_rad: Tensor

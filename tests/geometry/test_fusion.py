@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from usvnet.geometry.camera import make_camera
+from usvnet.geometry.hull_range import halfway
 from usvnet.geometry.ranging import RangingLayer
 from usvnet.types import Camera, Hull, RangeEstimate, Ranges, Reason
 
@@ -179,7 +180,7 @@ def test_what_does_not_fit_is_refused_and_what_fits_is_not():
     assert share_refused(pixels, camera, hull._replace(points_m=0.6 * hull.points_m)) > 0.9
 
 
-def test_where_the_hull_is_refused_fused_is_the_waterline():
+def test_where_the_hull_is_refused_fused_lies_between_waterline_and_box():
     torch.manual_seed(2)
     camera, true, hull, level = scenes(50, 5.0, 8.0)
     level[:, [0, 1, 2, 4, 5], 1] = 2 * true.height_m[:, None] - level[:, [0, 1, 2, 4, 5], 1]
@@ -188,9 +189,35 @@ def test_where_the_hull_is_refused_fused_is_the_waterline():
     assert refused.double().mean() > 0.9
     assert (~ranges.hull.valid[refused]).all()
     assert ranges.hull.slant_m[refused].isinf().all()
-    for field in ("slant_m", "slant_std_m", "horizontal_m", "bearing_rad", "position_m"):
-        torch.testing.assert_close(getattr(ranges.fused, field)[refused], getattr(ranges.waterline, field)[refused])
-    assert ranges.fused.valid[refused].all()
+    fused, waterline, box = (
+        RangeEstimate(*(field[refused] for field in one)) for one in (ranges.fused, ranges.waterline, ranges.box_bottom)
+    )
+    assert fused.valid.all()
+    torch.testing.assert_close(fused.slant_m, (waterline.slant_m + box.slant_m) / 2)
+    torch.testing.assert_close(fused.horizontal_m, (waterline.horizontal_m + box.horizontal_m) / 2)
+    torch.testing.assert_close(fused.position_m.norm(dim=-1), fused.slant_m)
+    torch.testing.assert_close(fused.bearing_rad, (waterline.bearing_rad + box.bearing_rad) / 2, rtol=0, atol=0.01)
+    apart_m, mean_std_m = (waterline.slant_m - box.slant_m) / 2, (waterline.slant_std_m + box.slant_std_m) / 2
+    torch.testing.assert_close(fused.slant_std_m, torch.hypot(apart_m, mean_std_m))
+
+
+def test_halfway_between_one_estimate_and_none_is_that_one():
+    camera, hull = mounted(1), known_hull(1)
+    pose = tuple(torch.tensor([value], dtype=torch.float64) for value in (0.0, 8.0, 0.5))
+    ranges = range_boats(see(put(hull.points_m, pose, camera.height_m), camera), camera, hull)
+    none = ranges.waterline._replace(
+        slant_m=torch.full((1, 1), torch.inf).double(),
+        slant_std_m=torch.full((1, 1), torch.inf).double(),
+        valid=torch.zeros(1, 1, dtype=torch.bool),
+        reason=torch.full((1, 1), Reason.HORIZON.value),
+    )
+    for pair in ((ranges.box_bottom, none), (none, ranges.box_bottom)):
+        for found, expected in zip(halfway(*pair), ranges.box_bottom, strict=True):
+            torch.testing.assert_close(found, expected, rtol=1e-6, atol=1e-9)
+    nothing = halfway(none, none)
+    assert not nothing.valid.any()
+    assert nothing.slant_m.isinf().all()
+    assert (nothing.reason == Reason.HORIZON.value).all()
 
 
 def test_above_the_horizon_the_hulls_size_still_ranges():

@@ -130,6 +130,27 @@ def fuse(hull: RangeEstimate, waterline: RangeEstimate, fitted: HullRange) -> Ra
     return _estimate(slant, variance, horizontal, position * (slant.unsqueeze(-1) / length), reason)
 
 
+def halfway(a: RangeEstimate, b: RangeEstimate) -> RangeEstimate:
+    """The middle of two estimates that are equally suspect, with half of their difference as further doubt.
+
+    Their errors may be one and the same, so that their sigmas are averaged and not their variances. Where only one is
+    valid it stands alone.
+    """
+    both = a.valid & b.valid
+    half = torch.full_like(a.slant_m, 0.5)
+    share = torch.where(both, half, torch.where(a.valid, 2 * half, torch.zeros_like(half)))
+    zero = torch.zeros_like(half)
+    slant = _mean(share, a.slant_m, b.slant_m)
+    apart = torch.where(both, a.slant_m, zero) - torch.where(both, b.slant_m, zero)
+    variance = _mean(share, a.slant_std_m, b.slant_std_m).square() + (apart / 2).square()
+    position = share.unsqueeze(-1) * a.position_m + (1 - share).unsqueeze(-1) * b.position_m
+    length = torch.sqrt((position * position).sum(-1, keepdim=True) + 1e-12)
+    reason = torch.where(b.valid & ~a.valid, b.reason, a.reason)
+    slant = torch.where(reason == Reason.OK.value, slant, torch.ones_like(slant))
+    horizontal = _mean(share, a.horizontal_m, b.horizontal_m)
+    return _estimate(slant, variance, horizontal, position * (slant.unsqueeze(-1) / length), reason)
+
+
 def _mean(share: Tensor, a: Tensor, b: Tensor) -> Tensor:
     """Weighted mean, in which what has no weight may be infinite."""
     zero = torch.zeros_like(share)

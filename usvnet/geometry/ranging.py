@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from usvnet.geometry.hull_fit import chi_squared_limit, fit_hulls
 from usvnet.geometry.hull_model import generic_hull
-from usvnet.geometry.hull_range import estimate_hull, fuse, range_hull
+from usvnet.geometry.hull_range import estimate_hull, fuse, halfway, range_hull
 from usvnet.geometry.hull_sight import sight_hulls
 from usvnet.geometry.lens import Undistorted, apply_matrix, focal_px, undistort
 from usvnet.geometry.rays import trace_undistorted
@@ -110,6 +110,7 @@ class RangingLayer(nn.Module):
         bow = _slice(everything, boats + self.bow_bottom, 8 * boats, 7)
         stern = _slice(everything, boats + self.stern_bottom, 8 * boats, 7)
         waterline = _either(bow.slant_m <= stern.slant_m, bow, stern)
+        box_bottom = _slice(everything, 0, boats, 1)
 
         lens = Undistorted(
             lens.xy[:, boats:], lens.distorted_xy[:, boats:], lens.inverse_jacobian[:, boats:], lens.valid[:, boats:]
@@ -121,10 +122,13 @@ class RangingLayer(nn.Module):
         fitted = range_hull(fit, sight, self.curved_water, self.refraction)
         by_hull = estimate_hull(fitted, fit.degrees_of_freedom > 0, misfit <= self.misfit_limit)
         same_point = _either(fitted.keypoint == self.bow_bottom, bow, stern)
-        partner = _either(by_hull.valid, same_point, waterline)
+        # keypoints that do not fit one hull are suspect, and the box knows nothing of them
+        unfit = by_hull.reason == Reason.MISFIT.value
+        alone = _either(unfit, halfway(waterline, box_bottom), waterline)
+        partner = _either(by_hull.valid, same_point, alone)
         heading = fit.state[..., 2]
         return Ranges(
-            box_bottom=_slice(everything, 0, boats, 1),
+            box_bottom=box_bottom,
             waterline=waterline,
             hull=by_hull,
             fused=fuse(by_hull, partner, fitted),
