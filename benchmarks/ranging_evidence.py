@@ -84,7 +84,7 @@ def main(
         records = [picture.boats for picture in read_predictions(path, meta)]
         ranged[split] = ranged_boats(records, [frame_truths(frame) for frame in dataset.frames])
         frames[split] = [with_sigmas(frame, attitude_std_deg, wave_std_m) for frame in dataset.frames]
-    doubts = fit_doubts(ranged["val"], frames["val"])
+    doubts = fit_doubts(ranged["val"], frames["val"], model.ranging.curved_water)
     size_px = max(frames["test"][0].size_px)
     ranging = RangingLayer(model.ranging.curved_water, box_bottom_std_px=size_px / image_size)
     lines = [
@@ -142,10 +142,10 @@ class Doubts(NamedTuple):
     size_std: float = 0.0
 
 
-def fit_doubts(ranged: Sequence[RangedBoat], frames: Sequence[Frame]) -> Doubts:
+def fit_doubts(ranged: Sequence[RangedBoat], frames: Sequence[Frame], curved_water: bool) -> Doubts:
     """What the labels and lasers of these boats say of it."""
     share = fit_keypoint_share([(item.boat, item.truth) for item in ranged if item.boat is not None])
-    return Doubts(share, fit_size_std(ranged, frames, share))
+    return Doubts(share, fit_size_std(ranged, frames, share, curved_water))
 
 
 def found_cases(ranged: Sequence[RangedBoat], frames: Sequence[Frame]) -> Cases:
@@ -215,7 +215,7 @@ def cross_scored(
     generator = torch.Generator().manual_seed(0)
 
     def calibrate(others: Sequence[RangedBoat], held_out: Sequence[RangedBoat]) -> list[RangedBoat]:
-        doubts = fit_doubts(others, frames)
+        doubts = fit_doubts(others, frames, ranging.curved_water)
         factors = fit_intervals(disturbed(others, frames, doubts, std_deg, 1, ranging, generator))
         return with_factors(disturbed(held_out, frames, doubts, std_deg, times, ranging, generator), factors)
 

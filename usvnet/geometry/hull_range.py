@@ -121,13 +121,7 @@ def fuse(hull: RangeEstimate, waterline: RangeEstimate, fitted: HullRange) -> Ra
     rest = 1 - share
     alone = torch.where(waterline.valid & ~hull.valid, waterline.slant_std_m.square(), fitted.waterline_variance_m2)
     variance = share * share * fitted.variance_m2 + rest * rest * alone + 2 * share * rest * fitted.shared_m2
-    slant = _mean(share, hull.slant_m, waterline.slant_m)
-    horizontal = _mean(share, hull.horizontal_m, waterline.horizontal_m)
-    position = share.unsqueeze(-1) * hull.position_m + rest.unsqueeze(-1) * waterline.position_m
-    length = torch.sqrt((position * position).sum(-1, keepdim=True) + 1e-12)
-    reason = torch.where(hull.valid | waterline.valid, Reason.OK.value, waterline.reason)
-    slant = torch.where(reason == Reason.OK.value, slant, one)
-    return _estimate(slant, variance, horizontal, position * (slant.unsqueeze(-1) / length), reason)
+    return _mixed(share, hull, waterline, variance)
 
 
 def halfway(a: RangeEstimate, b: RangeEstimate) -> RangeEstimate:
@@ -140,12 +134,17 @@ def halfway(a: RangeEstimate, b: RangeEstimate) -> RangeEstimate:
     half = torch.full_like(a.slant_m, 0.5)
     share = torch.where(both, half, torch.where(a.valid, 2 * half, torch.zeros_like(half)))
     zero = torch.zeros_like(half)
-    slant = _mean(share, a.slant_m, b.slant_m)
     apart = torch.where(both, a.slant_m, zero) - torch.where(both, b.slant_m, zero)
     variance = _mean(share, a.slant_std_m, b.slant_std_m).square() + (apart / 2).square()
+    return _mixed(share, a, b, variance)
+
+
+def _mixed(share: Tensor, a: RangeEstimate, b: RangeEstimate, variance: Tensor) -> RangeEstimate:
+    """So much of a, the rest of b, with this variance; the reason where neither is valid is b's."""
     position = share.unsqueeze(-1) * a.position_m + (1 - share).unsqueeze(-1) * b.position_m
     length = torch.sqrt((position * position).sum(-1, keepdim=True) + 1e-12)
-    reason = torch.where(b.valid & ~a.valid, b.reason, a.reason)
+    reason = torch.where(a.valid | b.valid, Reason.OK.value, b.reason)
+    slant = _mean(share, a.slant_m, b.slant_m)
     slant = torch.where(reason == Reason.OK.value, slant, torch.ones_like(slant))
     horizontal = _mean(share, a.horizontal_m, b.horizontal_m)
     return _estimate(slant, variance, horizontal, position * (slant.unsqueeze(-1) / length), reason)

@@ -124,7 +124,7 @@ class RangingLayer(nn.Module):
         same_point = _either(fitted.keypoint == self.bow_bottom, bow, stern)
         # keypoints that do not fit one hull are suspect, and the box knows nothing of them
         unfit = by_hull.reason == Reason.MISFIT.value
-        alone = _either(unfit, halfway(waterline, box_bottom), waterline)
+        alone = _either(unfit, halfway(box_bottom, waterline), waterline)
         partner = _either(by_hull.valid, same_point, alone)
         heading = fit.state[..., 2]
         return Ranges(
