@@ -1,7 +1,5 @@
 """A crop and its image are one scale and one shift apart, and the crop shows what lies there in the native picture."""
 
-import math
-
 import pytest
 import torch
 from torch.nn import functional
@@ -15,8 +13,6 @@ from usvnet.crops import (
     cut,
     from_crop,
     inside_crop,
-    jitter_boxes,
-    jitter_keypoints,
     place_crops,
     to_crop,
 )
@@ -59,31 +55,6 @@ def test_small_boats_are_not_enlarged_without_end():
     native_px_in_image = float(TO_IMAGE[0, 0])
     assert crops().step_px[0].item() == pytest.approx(MIN_STEP_NATIVE_PX * native_px_in_image)
     assert crops().step_px[1].item() > MIN_STEP_NATIVE_PX * native_px_in_image
-
-
-def test_jittered_boxes_stray_as_far_as_they_may():
-    torch.manual_seed(0)
-    boxes_px = BOXES_PX[1].expand(1000, 4)
-    strayed = jitter_boxes(boxes_px, shift=0.15, log_scale=0.25)
-    shift = (strayed.view(-1, 2, 2).mean(1) - boxes_px.view(-1, 2, 2).mean(1)).abs() / 80
-    assert shift.max() < 0.15
-    assert shift.amax(0).min() > 0.13
-    scale = ((strayed[:, 2:] - strayed[:, :2]) / (boxes_px[:, 2:] - boxes_px[:, :2])).log()
-    torch.testing.assert_close(scale[:, 0], scale[:, 1])
-    assert 0.23 < scale.abs().max() < 0.25
-
-
-def test_jittered_keypoints_stray_by_a_share_of_the_boat_that_differs_from_boat_to_boat():
-    torch.manual_seed(0)
-    boxes_px = torch.tensor([[0.0, 0, 100, 40], [0.0, 0, 10, 4]]).expand(4000, 2, 4)
-    labels_px = torch.rand(4000, 2, 7, 2)
-    error = (jitter_keypoints(labels_px, boxes_px, 0.01, 0.04) - labels_px) / torch.tensor([100.0, 10.0])[:, None, None]
-    squared = error.square().mean((2, 3))
-    expected = (0.04**2 - 0.01**2) / math.log(0.04 / 0.01)  # of 2 s^2, s being even on a logarithmic scale
-    torch.testing.assert_close(squared.mean(0), torch.full((2,), expected), rtol=0.08, atol=0)
-    together = error.mean(2)  # half of the variance, and a seventh of the other half
-    torch.testing.assert_close(together.square().mean((0, 2)), torch.full((2,), expected * 4 / 7), rtol=0.08, atol=0)
-    assert squared.quantile(0.9) > 6 * squared.quantile(0.1)
 
 
 def test_places_have_no_gradient():

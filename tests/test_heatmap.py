@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from usvnet.heatmap import cell_to_px, decode, encode, find_peak, gather_windows, px_to_cell
+from usvnet.heatmap import cell_to_px, decode, encode, find_peak, gather_windows, highest_px, px_to_cell
 
 SIGMA, RADIUS = 1.0, 6
 
@@ -122,3 +122,10 @@ def test_half_precision_maps_are_read_in_single() -> None:
     assert found.dtype == covariance.dtype == torch.float32
     torch.testing.assert_close((found, covariance), decode(logits.float(), keypoints + 5, 4, RADIUS, SIGMA))
     torch.testing.assert_close(found, keypoints, rtol=0, atol=0.1)
+
+
+def test_the_highest_cell_is_found_anywhere_on_a_map_that_is_not_square() -> None:
+    keypoints_px = torch.tensor([[[3.0, 90.0], [121.0, 2.0]]])
+    found_px = highest_px(encode(keypoints_px, 24, 32, 4, 1.0), 4)
+    assert found_px.shape == (1, 2, 2)
+    assert ((found_px - keypoints_px).abs() <= 2).all()

@@ -54,7 +54,7 @@ class Refinement(NamedTuple):
     heatmap_logits: Tensor
     """(M, 7, h, w) at :data:`REFINED_STRIDE` pixels of the crop per cell."""
     moments: Moments
-    """Of these about the hints, one boat a crop: (M, 1, 7, ...)."""
+    """Of these about their highest cells, one boat a crop: (M, 1, 7, ...)."""
 
 
 def place_crops(
@@ -77,39 +77,6 @@ def place_crops(
     fitting_px = (high - low).amax(1) * (margin / size_px)
     step_px = torch.maximum(fitting_px, to_image[:, 0, 0] * min_step_native_px).unsqueeze(1)
     return Crops((low + high) / 2 - step_px * ((size_px - 1) / 2), step_px)
-
-
-def jitter_boxes(boxes_px: Tensor, shift: float = 0.15, log_scale: float = 0.25) -> Tensor:
-    """Labelled boxes (..., 4) as a detector might find them.
-
-    Args:
-        boxes_px: the boxes.
-        shift: how far the centre moves at most, along each axis, as a fraction of the longer side.
-        log_scale: largest change of the logarithm of the size.
-    """
-    low, high = boxes_px[..., :2], boxes_px[..., 2:]
-    longer_px = (high - low).amax(-1, keepdim=True)
-    centre = (low + high) / 2 + shift * longer_px * (2 * torch.rand_like(low) - 1)
-    half = (high - low) / 2 * torch.exp(log_scale * (2 * torch.rand_like(longer_px) - 1))
-    return torch.cat([centre - half, centre + half], -1)
-
-
-def jitter_keypoints(keypoints_px: Tensor, boxes_px: Tensor, smallest: float = 0.005, largest: float = 0.08) -> Tensor:
-    """Labelled keypoints (..., 7, 2) as a detector might find them, of some boats well and of others badly.
-
-    Each boat is given a standard deviation, a fraction of its longer side drawn evenly on a logarithmic scale; by that
-    much its keypoints move together, and each by as much again.
-
-    Args:
-        keypoints_px: the keypoints.
-        boxes_px: (..., 4) of the same boats.
-        smallest: least of those fractions.
-        largest: greatest of them.
-    """
-    longer_px = (boxes_px[..., 2:] - boxes_px[..., :2]).amax(-1)[..., None, None]
-    std_px = longer_px * smallest * (largest / smallest) ** torch.rand_like(longer_px)
-    together = torch.randn_like(keypoints_px[..., :1, :])
-    return keypoints_px + std_px * (together + torch.randn_like(keypoints_px))
 
 
 def to_crop(points_px: Tensor, crops: Crops) -> Tensor:

@@ -70,6 +70,14 @@ def encode(keypoints_px: Tensor, height_cells: int, width_cells: int, stride: in
     return gaussian_logits(cells, px_to_cell(keypoints_px, stride)[..., None, None, :], sigma_cells)
 
 
+def highest_px(logits: Tensor, stride: int) -> Tensor:
+    """Where maps (B, K, h, w) are highest, (B, K, 2) in input pixels; whole cells, without a gradient."""
+    width = logits.shape[3]
+    number = logits.detach().flatten(2).argmax(-1)
+    row = torch.div(number, width, rounding_mode="floor")
+    return cell_to_px(torch.stack([number - width * row, row], -1).to(logits.dtype), stride)
+
+
 def gather_windows(logits: Tensor, centre_cell: Tensor, radius: int) -> tuple[Tensor, Tensor]:
     """Cut a square window around one cell of each map, for several boats at once.
 

@@ -11,7 +11,7 @@ from torch.optim import Optimizer
 from usvnet.callbacks import MovingAverage, NormWarmup
 from usvnet.checkpoints import STAMP, check_variant, load_model
 from usvnet.config import LossWeights, OptimiserConfig
-from usvnet.crops import jitter_boxes, jitter_keypoints
+from usvnet.detector_errors import confuse_ends, jitter_boxes, jitter_keypoints
 from usvnet.evaluation.records import BoatRecord, TruthRecord, to_records, to_truths
 from usvnet.evaluation.scores import Scores, score
 from usvnet.heatmap import keypoints_from_moments, window_moments
@@ -154,7 +154,8 @@ class USVModule(LightningModule):
         boats = batch.boats
         boxes_px, keypoints_px = boats.boxes_px, boats.keypoints_px
         if self.training:
-            boxes_px, keypoints_px = jitter_boxes(boxes_px), jitter_keypoints(keypoints_px, boxes_px)
+            keypoints_px = jitter_keypoints(confuse_ends(keypoints_px, boats.visibility), boxes_px)
+            boxes_px = jitter_boxes(boxes_px)
         no_doubt = torch.zeros(*keypoints_px.shape, 2, device=keypoints_px.device)
         assert self.model.refiner is not None
         assert batch.native is not None

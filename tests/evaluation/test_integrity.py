@@ -5,7 +5,8 @@ import math
 import pytest
 import torch
 
-from usvnet.evaluation.integrity import OTHER_END, WRONG, reflect, shares_caught, swap_ends, swap_sides
+from usvnet.detector_errors import OTHER_END
+from usvnet.evaluation.integrity import WRONG, reflect, shares_caught, swap_ends, swap_sides
 from usvnet.evaluation.reranging import Cases
 from usvnet.geometry.camera import make_camera, project, stack_cameras
 from usvnet.geometry.hull_model import generic_hull, hull_to

@@ -73,6 +73,17 @@ def test_heatmap_loss_of_a_shifted_gaussian_by_hand():
     assert heatmap_loss(logits, boats, 1.0, 6).item() == pytest.approx(1 / 8, rel=1e-3)
 
 
+def test_the_whole_map_is_held_against_the_keypoint_and_a_window_knows_nothing_of_the_rest():
+    """A second peak, as high as the right one and far from it, takes half of the softmax: ln 2."""
+    boats = label([[[40.0, 40.0, 60.0, 60.0]]])
+    logits = heatmap.encode(boats.keypoints_px[:, 0], 30, 32, heatmap.HEATMAP_STRIDE, 1.0)
+    assert heatmap_loss(logits - 3, boats, 1.0, None).item() == pytest.approx(0, abs=1e-5)
+    other = heatmap.encode(boats.keypoints_px[:, 0] + 40, 30, 32, heatmap.HEATMAP_STRIDE, 1.0)
+    both = torch.logaddexp(logits, other)
+    assert heatmap_loss(both, boats, 1.0, None).item() == pytest.approx(math.log(2), abs=1e-3)
+    assert heatmap_loss(both, boats, 1.0, 4).item() == pytest.approx(0, abs=1e-3)
+
+
 def test_heatmap_loss_trains_hidden_keypoints_but_not_unlabelled_ones_nor_padding():
     torch.manual_seed(0)
     boats = label([[[9.0, 11.0, 60.0, 49.0], [20.0, 20.0, 40.0, 30.0]]])
@@ -98,6 +109,7 @@ def test_gradient_of_heatmap_loss():
     boats = label([[[1.0, 2.0, 22.0, 19.0]]])
     logits = torch.randn(1, 7, 6, 6, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda x: heatmap_loss(x, boats, 1.0, 2), logits)
+    assert torch.autograd.gradcheck(lambda x: heatmap_loss(x, boats, 1.0, None), logits)
 
 
 def test_free_logits_learn_to_decode_to_the_keypoint():

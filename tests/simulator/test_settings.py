@@ -119,7 +119,7 @@ BOW = {"size_px": [640, 480], "focal_px": 700, "mount": {"height_m": 1.5, "pitch
         ({"scenes__sun__tag": 1}, r"scenes: sun: tag: expected text, got 1"),
         ({"scenes__sun__sea__colours_rgb": [[0, 0]]}, r"colours_rgb\[0\]: expected 3 values, got 2"),
         ({"scenes__sun__sea__colours_rgb": [[0, 0, 30]]}, r"colours_rgb: expected numbers between 0 and 1"),
-        ({"boats": {"per_frame": [0.5, 0.6]}}, r"boats: per_frame: expected probabilities of 0 to at most 3 boats"),
+        ({"boats": {"per_frame": [0.5, 0.6]}}, r"boats: per_frame: expected probabilities of 0 to at most 8 boats"),
         ({"boats": {"truncated_share": 1.2}}, r"boats: truncated_share: expected a number between 0 and 1, got 1\.2"),
         ({"laser": {"std_m": 0.01, "test": 2}}, r"laser: test: expected a number between 0 and 1, got 2"),
         ({"cameras__bow__hfov_deg": 50}, r"cameras: bow: expected either focal_px or hfov_deg"),

@@ -10,6 +10,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from usvnet.detector_errors import exchange_ends
 from usvnet.evaluation.reranging import Cases
 from usvnet.geometry.camera import project
 from usvnet.geometry.ranging import RangingLayer
@@ -17,8 +18,6 @@ from usvnet.geometry.rays import level_rays, level_rotation
 from usvnet.types import FLIP_INDEX, WATERLINE_KEYPOINTS
 
 DECK = [0, 1, 2, 4, 5]
-OTHER_END = [0, 5, 4, 6, 2, 1, 3]
-"""Where each keypoint comes from when bow and stern are taken for each other; the bow goes amid the stern's corners."""
 
 
 def reflect(cases: Cases) -> Tensor:
@@ -35,9 +34,7 @@ def reflect(cases: Cases) -> Tensor:
 
 def swap_ends(cases: Cases) -> Tensor:
     """Keypoints (C, 7, 2) of boats whose bow is taken for the stern."""
-    swapped = cases.keypoints_px[:, OTHER_END].clone()
-    swapped[:, 0] = cases.keypoints_px[:, 4:6].mean(1)
-    return swapped
+    return exchange_ends(cases.keypoints_px)
 
 
 def swap_sides(cases: Cases) -> Tensor:

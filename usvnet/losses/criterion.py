@@ -141,11 +141,8 @@ class Criterion(nn.Module):
     def _refined(self, refinement: Refinement, boats: Boats) -> dict[str, Tensor]:
         """The losses of the refined heatmaps."""
         logits, labels = refinement.heatmap_logits, boats_in_crops(refinement, boats)
-        reach = heatmap.SEARCH_FACTOR * self.heatmap_radius
-        return {
-            "refined_heatmap": heatmap_loss(
-                logits, labels, self.heatmap_sigma_cells, reach, self._jitter_cells(), REFINED_STRIDE
-            ),
+        return {  # one boat a crop, so the whole of it is taught: its keypoints are sought at either end
+            "refined_heatmap": heatmap_loss(logits, labels, self.heatmap_sigma_cells, None, stride=REFINED_STRIDE),
             "refined_covariance": covariance_loss(
                 refinement.moments, labels, self.heatmap_sigma_cells, heatmap.COVARIANCE_FLOOR_PX2, REFINED_STRIDE
             ),

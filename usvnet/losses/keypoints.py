@@ -55,7 +55,7 @@ def heatmap_loss(
     logits: Tensor,
     boats: Boats,
     sigma_cells: float,
-    radius: int,
+    radius: int | None,
     jitter_cells: int = 0,
     stride: int = heatmap.HEATMAP_STRIDE,
 ) -> Tensor:
@@ -69,28 +69,39 @@ def heatmap_loss(
         logits: (B, K, h, w)
         boats: the labelled boats; hidden keypoints count, those of visibility 0 do not.
         sigma_cells: standard deviation of the target.
-        radius: the window has 2 * radius + 1 cells a side.
+        radius: the window has 2 * radius + 1 cells a side; None takes the whole map, which belongs to one boat then.
         jitter_cells: the window is moved by a uniformly random whole number of cells up to this, in both axes.
         stride: pixels per cell.
 
     Returns:
         Mean over the labelled keypoints, in nats; 0 where there is none.
     """
+    height, width = logits.shape[-2:]
     labelled = (boats.visibility > 0) & boats.present.unsqueeze(-1)
     keypoints_px = torch.where(labelled.unsqueeze(-1), boats.keypoints_px, 0.0)
     exact_cell = heatmap.px_to_cell(keypoints_px.to(logits.dtype), stride)
-    centre_cell = exact_cell.round().long()
-    if jitter_cells > 0:
-        centre_cell = centre_cell + torch.randint_like(centre_cell, -jitter_cells, jitter_cells + 1)
+    if radius is None:
+        window_logits = logits.flatten(2).unsqueeze(1)
+        u = torch.arange(width, device=logits.device)
+        v = torch.arange(height, device=logits.device)
+    else:
+        centre_cell = exact_cell.round().long()
+        if jitter_cells > 0:
+            centre_cell = centre_cell + torch.randint_like(centre_cell, -jitter_cells, jitter_cells + 1)
+        window_logits, _ = heatmap.gather_windows(logits, centre_cell, radius)
+        side = torch.arange(-radius, radius + 1, device=logits.device)
+        u, v = (centre_cell.unsqueeze(-1) + side).unbind(-2)
 
-    window_logits, _ = heatmap.gather_windows(logits, centre_cell, radius)
-    side = torch.arange(-radius, radius + 1, device=logits.device)
-    cells = centre_cell.unsqueeze(-1) + side  # (B, N, K, 2, S) columns and rows, for the target is a product of two
-    inside = (cells >= 0) & (cells < cells.new_tensor([[logits.shape[-1]], [logits.shape[-2]]]))
-    axis_logits = heatmap.gaussian_logits(cells.unsqueeze(-1), exact_cell[..., None, None], sigma_cells)
-    axis = axis_logits.masked_fill(~inside, -torch.inf).softmax(dim=-1).nan_to_num()  # all 0 for one outside the map
-    columns, rows = axis.unbind(-2)
+    columns = _axis_target(u, width, exact_cell[..., 0], sigma_cells)
+    rows = _axis_target(v, height, exact_cell[..., 1], sigma_cells)
     target = (rows.unsqueeze(-1) * columns.unsqueeze(-2)).flatten(-2)
-    negative_entropy = torch.xlogy(axis, axis).sum((-1, -2)) * target.sum(-1)
+    negative_entropy = (torch.xlogy(columns, columns).sum(-1) + torch.xlogy(rows, rows).sum(-1)) * target.sum(-1)
     divergence = negative_entropy - (target * window_logits.log_softmax(dim=-1)).sum(-1)
     return (divergence * labelled).sum() / labelled.sum().clamp(min=1)
+
+
+def _axis_target(cells: Tensor, limit: int, exact_cell: Tensor, sigma_cells: float) -> Tensor:
+    """The target (B, N, K, S) along one axis, for it is a product of two; all 0 for a window outside the map."""
+    inside = (cells >= 0) & (cells < limit)
+    logits = heatmap.gaussian_logits(cells[..., None], exact_cell[..., None, None], sigma_cells)
+    return logits.masked_fill(~inside, -torch.inf).softmax(dim=-1).nan_to_num()

@@ -14,7 +14,7 @@ from usvnet.crops import (
     place_crops,
     to_crop,
 )
-from usvnet.heatmap import HEATMAP_STRIDE, encode, keypoints_from_moments, window_moments
+from usvnet.heatmap import HEATMAP_STRIDE, encode, highest_px, keypoints_from_moments, window_moments
 from usvnet.network.blocks import Bottleneck, Conv
 from usvnet.types import NUM_KEYPOINTS, Native
 
@@ -116,8 +116,9 @@ class Refiner(nn.Module):
             hints_px = hints_px + self.hint_noise_px * (together + each)
         logits = self.look(native, picture, crops, hints_px)
 
-        moments = window_moments(logits, hints_px.unsqueeze(1), self.stride)
-        found_px, found_px2 = keypoints_from_moments(moments, hints_px.unsqueeze(1), self.stride)
+        peak_px = highest_px(logits, self.stride).unsqueeze(1)  # anywhere: hints may lie at the boat's other end
+        moments = window_moments(logits, peak_px, self.stride)
+        found_px, found_px2 = keypoints_from_moments(moments, peak_px, self.stride)
         readable = inside_crop(hints_px).unsqueeze(2)
         refined_px = torch.where(readable, from_crop(found_px.squeeze(1), crops), keypoints_px[picture, boat])
         scaled_px2 = found_px2.squeeze(1) * crops.step_px[:, :, None, None].square()

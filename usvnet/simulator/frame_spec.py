@@ -18,6 +18,9 @@ ShoreKind = Literal["none", "trees", "town", "mixed", "harbour"]
 ClutterKind = Literal["buoy", "pile", "marker"]
 HullFamily = Literal["mono", "survey", "patrol", "catamaran", "rib", "barge", "mesh"]
 
+MAX_BOATS = 8
+"""In one picture."""
+
 
 @dataclass(frozen=True)
 class SkySpec:

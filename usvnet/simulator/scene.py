@@ -14,9 +14,9 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from usvnet.simulator.frame_spec import MAX_BOATS
 from usvnet.simulator.meshes import Mesh
 
-MAX_BOATS = 3
 FAR_M = 2e4
 WATER_REFRACTIVE_INDEX = 1.333
 NOTHING = Mesh(
@@ -66,7 +66,7 @@ class Scene:
             water: the waves, with smooth normals.
             floor: what shows below and beyond them.
             backdrop: shore and clutter.
-            boats: at most three, in the world frame.
+            boats: at most :data:`usvnet.simulator.frame_spec.MAX_BOATS`, in the world frame.
             sky: (H, W, 3) radiance; column u looks at azimuth 2 pi u / W, row v at 180 v / H degrees from the zenith.
         """
         if len(boats) > MAX_BOATS:

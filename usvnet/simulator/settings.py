@@ -11,11 +11,11 @@ from typing import Annotated
 
 from usvnet.geometry.yaml_files import read_mapping
 from usvnet.simulator.fleet_settings import CameraSettings, HullSettings
+from usvnet.simulator.frame_spec import MAX_BOATS
 from usvnet.simulator.scene_settings import SceneSettings, check_shares
 from usvnet.simulator.typed_yaml import Bounded, Bounds, Range, fill
 
 SPLITS = ("train", "val", "test")
-MAX_BOATS = 3
 
 UNDER_WAY_MPS = Range(0.5, 2.5)
 VISIBLE_PX = Range(14, 500)
@@ -55,7 +55,7 @@ class BoatSettings(Bounded):
     """How many boats are in a frame, and how they stand in it."""
 
     per_frame: tuple[float, ...] = (0.0, 1.0)
-    """Probability of no boat, of one, of two and of three."""
+    """Probability of no boat, of one, of two and so on."""
     moving_share: Annotated[float, Bounds(0, 1)] = 0.0
     """Share of boats under way; the others drift without a wake."""
     speed_mps: Annotated[Range, Bounds(0, 30)] = UNDER_WAY_MPS
