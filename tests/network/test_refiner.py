@@ -46,7 +46,7 @@ def seen(labels: Boats) -> Native:
 
 
 def look(refiner: Refiner, labels: Boats, error_px: float, confused: float = 0.0) -> Refinement:
-    """Refine from keypoints ``error_px`` off along each axis, in the image's pixels, and of some boats at wrong ends."""
+    """Refine from keypoints ``error_px`` off along each axis, in the image's pixels, and some boats' at wrong ends."""
     keypoints_px = confuse_ends(labels.keypoints_px, labels.visibility, confused)
     keypoints_px = keypoints_px + error_px * torch.randn_like(keypoints_px)
     covariance_px2 = torch.eye(2).expand(*keypoints_px.shape, 2)
