@@ -2,7 +2,7 @@
 
 import pytest
 
-from usvnet.wording import counted, in_plain_words
+from usvnet.wording import counted, did_you_mean, in_plain_words
 
 
 @pytest.mark.parametrize(
@@ -47,3 +47,18 @@ UNION = """Parser key "max_frames":
 def test_complaints_are_in_plain_words(said, told):
     assert in_plain_words(said, "-") == told
     assert in_plain_words(said) == told.replace("square-mm", "square_mm").replace("max-frames", "max_frames")
+
+
+@pytest.mark.parametrize(
+    ("said", "near"),
+    [
+        ("unrecognized arguments: --data.imagesize 3", "--data.image_size"),
+        ("Group 'model' does not accept option 'varient'", "model.variant"),
+        ("Option 'modle.variant' is not accepted", "model.variant"),
+        ("unrecognized arguments: --fly", None),
+        ("--data.image_size: got wide, expected a whole number", None),
+    ],
+)
+def test_the_nearest_option_is_named_where_there_is_one(said, near):
+    told = did_you_mean(said, ["model.variant", "data.image_size", "data.root"])
+    assert told == (said if near is None else f"{said}, did you mean {near}?")

@@ -15,7 +15,7 @@ from jsonargparse import ArgumentParser, DefaultHelpFormatter
 
 from usvnet import __version__
 from usvnet.files import run_program
-from usvnet.wording import in_plain_words
+from usvnet.wording import did_you_mean, in_plain_words
 
 COMMANDS = {
     "calibrate": "find a camera's focal length and distortion from pictures of a chessboard",
@@ -71,14 +71,16 @@ class CommandParser(ArgumentParser):
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         """Leave the one line to :func:`usvnet.files.run_program`."""
-        asked = (getattr(ex, "subcommand_parser", None) or self).prog
+        parser = getattr(ex, "subcommand_parser", None) or self
+        asked = parser.prog
         if MISSING in message:  # jsonargparse names them as keys of the whole: predict.camera
             command, *_ = message.removeprefix(MISSING).split(".")
             needs = message.removeprefix(MISSING).replace(f"{command}.", "").replace("_", "-")
             asked, message = f"{asked} {command}", f"{command} needs {needs}"
         if unknown := UNKNOWN.match(message):
             message = f"got the command {unknown[1]}, expected one of {', '.join(COMMANDS)}"
-        raise ValueError(f"{in_plain_words(message, '-')} (see {asked} --help)") from ex
+        message = did_you_mean(in_plain_words(message, "-"), parser.get_defaults(skip_validation=True).keys(), "-")
+        raise ValueError(f"{message} (see {asked} --help)") from ex
 
 
 def command_function(name: str) -> Callable[..., object]:

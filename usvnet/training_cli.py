@@ -17,7 +17,7 @@ from usvnet.checkpoints import check_variant, read_checkpoint
 from usvnet.data.datamodule import BoatDataModule
 from usvnet.network.variants import check_picture_size
 from usvnet.training import USVModule
-from usvnet.wording import in_plain_words
+from usvnet.wording import did_you_mean, in_plain_words
 
 TRAINER_DEFAULTS = {
     "max_epochs": 100,
@@ -29,14 +29,15 @@ TRAINER_DEFAULTS = {
 
 
 class OneLineParser(LightningArgumentParser):
-    """A parser that guesses no key and leaves the one line about a wrong one to :func:`usvnet.files.run_program`."""
+    """A parser that takes no key for another and leaves the one line on it to :func:`usvnet.files.run_program`."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, allow_abbrev=False, **kwargs)
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         """Raise instead of printing the usage and leaving."""
-        raise ValueError(in_plain_words(message)) from ex
+        known = self.get_defaults(skip_validation=True).keys()
+        raise ValueError(did_you_mean(in_plain_words(message), known)) from ex
 
 
 class TrainingCLI(LightningCLI):

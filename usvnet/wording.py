@@ -1,6 +1,8 @@
 """What programs say, in a person's words."""
 
 import re
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 UNFIT = re.compile(
     r'Parser key "(?P<key>[\w.]+)": (?:Expected an? (?P<one>.+?)\. Got value: '
@@ -8,6 +10,11 @@ UNFIT = re.compile(
     r"Given value: )(?P<got>.*)"
 )
 """How jsonargparse says that a value is not of its type."""
+UNKNOWN = re.compile(
+    r"unrecognized arguments: --(?P<option>[\w.-]+)|Group '(?P<group>[\w.]+)' does not accept option '(?P<part>[\w.]+)'"
+    r"|Option '(?P<key>[\w.]+)' is not accepted"
+)
+"""How it says that there is no such key."""
 KINDS = {"int": "a whole number", "float": "a number", "bool": "true or false"}
 
 
@@ -31,3 +38,20 @@ def in_plain_words(message: str, space: str = "_") -> str:
     if choices := re.fullmatch(r"(?:typing\.)?Literal\[(.*)\]", expected):
         expected = f"one of {choices[1].replace(chr(39), '')}"
     return f"--{unfit['key'].replace('_', space)}: got {unfit['got']}, expected {KINDS.get(expected, expected)}"
+
+
+def did_you_mean(message: str, options: Iterable[str], space: str = "_") -> str:
+    """What jsonargparse says, with the nearest option beside one that it does not know.
+
+    Args:
+        message: its complaint.
+        options: all names that there are, as keys of a configuration.
+        space: what stands between the words of an option's name.
+    """
+    unknown = UNKNOWN.match(message)
+    if unknown is None:
+        return message
+    name = unknown["option"] or unknown["key"] or f"{unknown['group']}.{unknown['part']}"
+    near = get_close_matches(name, [option.replace("_", space) for option in options], n=1, cutoff=0.7)
+    dashes = "--" if unknown["option"] else ""
+    return f"{message}, did you mean {dashes}{near[0]}?" if near else message
