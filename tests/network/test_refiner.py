@@ -165,3 +165,27 @@ def test_a_boat_is_seen_alike_however_many_there_are():
         in_turn = look(model, labels, error_px=0.0)
     torch.testing.assert_close(in_turn.heatmap_logits, together.heatmap_logits, rtol=1e-4, atol=1e-4)
     torch.testing.assert_close(in_turn.keypoints_px, together.keypoints_px, rtol=0, atol=1e-3)
+
+
+def test_in_use_it_looks_again_with_its_own_keypoints_as_hints_but_where_a_hint_lay_outside():
+    model, labels = refiner(), boats(1)
+    hinted: list[Tensor] = []
+    exact = look(model, labels, error_px=0.0).hints_px
+    logits = encode(exact, model.cells, model.cells, model.stride, 1.0)
+
+    def draw(crop: Tensor, hints_px: Tensor) -> Tensor:
+        hinted.append(hints_px)
+        return logits
+
+    model.draw = draw
+    strayed_px = labels.keypoints_px + 2.0
+    strayed_px[0, 0, 5] = 500.0
+    found = look(model, labels._replace(keypoints_px=strayed_px), error_px=0.0)
+    assert len(hinted) == 2
+    torch.testing.assert_close(hinted[0], found.hints_px)
+    torch.testing.assert_close(hinted[1][0, :5], exact[0, :5], rtol=0, atol=0.1)
+    assert torch.equal(hinted[1][0, 5], hinted[0][0, 5])
+    assert torch.equal(found.keypoints_px[0, 0, 5], strayed_px[0, 0, 5])
+    torch.testing.assert_close(found.keypoints_px[0, 0, :5], labels.keypoints_px[0, 0, :5], rtol=0, atol=0.02)
+    look(model.train(), labels, error_px=0.0)
+    assert len(hinted) == 3  # training looks once

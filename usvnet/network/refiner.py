@@ -14,7 +14,7 @@ from usvnet.crops import (
     place_crops,
     to_crop,
 )
-from usvnet.heatmap import HEATMAP_STRIDE, encode, highest_px, keypoints_from_moments, window_moments
+from usvnet.heatmap import HEATMAP_STRIDE, Moments, encode, highest_px, keypoints_from_moments, window_moments
 from usvnet.network.blocks import Bottleneck, Conv
 from usvnet.types import NUM_KEYPOINTS, Native
 
@@ -30,7 +30,7 @@ CONTRAST_FLOOR = 0.02
 
 
 class RefinedHeatmaps(nn.Module):
-    """A small hourglass at strides 2 to 16 of the crop: for one boat a fifth of the smallest detector's work.
+    """A small hourglass at strides 2 to 16 of the crop: for one boat a fifth of the smallest detector's work a look.
 
     At stride 16 it sees the whole boat, and so which end of it a corner belongs to. Each crop is seen in its own
     contrast, since dusk and fog leave a boat a few grey levels only.
@@ -116,9 +116,7 @@ class Refiner(nn.Module):
             hints_px = hints_px + self.hint_noise_px * (together + each)
         logits = self.look(native, picture, crops, hints_px)
 
-        peak_px = highest_px(logits, self.stride).unsqueeze(1)  # anywhere: hints may lie at the boat's other end
-        moments = window_moments(logits, peak_px, self.stride)
-        found_px, found_px2 = keypoints_from_moments(moments, peak_px, self.stride)
+        moments, found_px, found_px2 = self.read(logits)
         readable = inside_crop(hints_px).unsqueeze(2)
         refined_px = torch.where(readable, from_crop(found_px.squeeze(1), crops), keypoints_px[picture, boat])
         scaled_px2 = found_px2.squeeze(1) * crops.step_px[:, :, None, None].square()
@@ -135,12 +133,32 @@ class Refiner(nn.Module):
         )
 
     def look(self, native: Native, picture: Tensor, crops: Crops, hints_px: Tensor) -> Tensor:
-        """The heatmaps (M, 7, h, w) of M crops; a few at a time but in training, whose norms see the whole batch."""
+        """The heatmaps (M, 7, h, w) of M crops; a few at a time but in training, whose norms see the whole batch.
+
+        In use they are drawn twice: where the first ones are read is a better hint than the detector's.
+        """
         at_once = max(picture.shape[0], 1) if self.training else self.crops_at_once
         logits: list[Tensor] = []
         for start in range(0, max(picture.shape[0], 1), at_once):  # once if there are none
             end = start + at_once
-            hints = encode(hints_px[start:end], self.cells, self.cells, self.stride, self.hint_sigma_cells).exp()
             crop = cut(native, picture[start:end], Crops(crops.corner_px[start:end], crops.step_px[start:end]))
-            logits.append(self.heatmaps(crop, hints).float())
+            seen_px = hints_px[start:end]
+            drawn = self.draw(crop, seen_px)
+            if not self.training:
+                read_px = self.read(drawn)[1].squeeze(1)
+                drawn = self.draw(crop, torch.where(inside_crop(seen_px).unsqueeze(2), read_px, seen_px))
+            logits.append(drawn)
         return torch.cat(logits)
+
+    def draw(self, crop: Tensor, hints_px: Tensor) -> Tensor:
+        """The heatmaps (M, 7, h, w) of crops (M, 3, S, S) with hints (M, 7, 2)."""
+        hints = encode(hints_px, self.cells, self.cells, self.stride, self.hint_sigma_cells).exp()
+        logits: Tensor = self.heatmaps(crop, hints)
+        return logits.float()
+
+    def read(self, logits: Tensor) -> tuple[Moments, Tensor, Tensor]:
+        """Moments, keypoints (M, 1, 7, 2) and covariance (M, 1, 7, 2, 2) of heatmaps (M, 7, h, w), one boat each."""
+        peak_px = highest_px(logits, self.stride).unsqueeze(1)  # anywhere: hints may lie at the boat's other end
+        moments = window_moments(logits, peak_px, self.stride)
+        found_px, found_px2 = keypoints_from_moments(moments, peak_px, self.stride)
+        return moments, found_px, found_px2
