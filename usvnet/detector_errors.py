@@ -42,7 +42,7 @@ def jitter_keypoints(keypoints_px: Tensor, boxes_px: Tensor, smallest: float = 0
 
 def exchange_ends(keypoints_px: Tensor) -> Tensor:
     """Keypoints (..., 7, 2) of boats whose bow is taken for the stern."""
-    exchanged = keypoints_px[..., OTHER_END, :].clone()
+    exchanged = keypoints_px[..., OTHER_END, :]  # a copy, as indexing by a list makes
     exchanged[..., 0, :] = keypoints_px[..., 4:6, :].mean(-2)
     return exchanged
 
