@@ -1,7 +1,7 @@
 """The whole method in one differentiable module: image -> network -> heatmaps -> keypoints -> camera -> range.
 
-With ``refine="native"`` the keypoints of far boats are read a second time, from crops of the picture before it was
-shrunk (:mod:`usvnet.network.refiner`).
+With ``refine="native"`` the keypoints are read a second time, from crops of the picture before it was shrunk
+(:mod:`usvnet.network.refiner`).
 """
 
 from typing import Literal
@@ -31,7 +31,7 @@ class USVNet(nn.Module):
         score_threshold: lowest score reported.
         iou_threshold: boxes overlapping a better one by more than this are dropped (the paper's Table 1: 0.7).
         curved_water: range on the curved Earth with refraction, for long range.
-        refine: "native" looks at far boats again in the picture as the camera took it; None does not.
+        refine: "native" looks at the boats again in the picture as the camera took it; None does not.
 
     Raises:
         ValueError: unknown variant or refinement.

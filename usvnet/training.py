@@ -47,7 +47,7 @@ class USVModule(LightningModule):
         ema_ramp_steps: steps over which the averaging slows down to ``ema_decay``.
         initial_weights: checkpoint of the same size whose weights training starts from, to adapt a network to other
             boats or waters; None starts from random weights.
-        refine: "native" also trains a small network that looks at far boats again in the picture as the camera took it
+        refine: "native" also trains a small network that looks at the boats again in the picture as the camera took it
             (needs ``data.native_size``).
         freeze: "detector" leaves the detector as ``initial_weights`` has it and trains the refinement alone, on hints
             that are labels made worse: the detector is not asked, which is quicker.

@@ -153,6 +153,10 @@ def test_weights_that_came_along_are_found_or_asked_for(tmp_path, monkeypatch):
     (tmp_path / "checkpoints").mkdir()
     (tmp_path / "checkpoints" / "usvnet-n.pt").touch()
     assert default_checkpoint() == tmp_path / "checkpoints" / "usvnet-n.pt"
+    with pytest.raises(FileNotFoundError, match="name some with --checkpoint"):
+        default_checkpoint(refine=True)
+    (tmp_path / "checkpoints" / "usvnet-n-refine.pt").touch()
+    assert default_checkpoint(refine=True) == tmp_path / "checkpoints" / "usvnet-n-refine.pt"
 
 
 @pytest.mark.parametrize("device", ["cuda:99", "gpu"])

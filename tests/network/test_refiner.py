@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from usvnet.crops import Refinement, from_crop
+from usvnet.crops import Refinement, from_crop, inside_crop
 from usvnet.detector_errors import confuse_ends, exchange_ends
 from usvnet.heatmap import encode
 from usvnet.losses.keypoints import heatmap_loss
@@ -101,27 +101,22 @@ def test_scripted_equals_eager():
     torch.testing.assert_close(scripted.covariance_px2, eager.covariance_px2, rtol=1e-4, atol=1e-4)
 
 
-def test_perfect_heatmaps_give_the_labels_back():
+@pytest.mark.parametrize("larger", [1, 12])  # 12: 288 px long, of which a crop shows every second pixel
+def test_perfect_heatmaps_give_the_labels_back(larger):
     """What the crop's pixels say must land on the image's, through stride, crop and letterbox."""
     model, labels = refiner(), boats(3)
+    labels = labels._replace(boxes_px=larger * labels.boxes_px, keypoints_px=larger * labels.keypoints_px)
     variance_cells2 = model.hint_sigma_cells**2
     model.heatmaps.forward = lambda crop, hints: variance_cells2 * hints.clamp(min=1e-30).log()  # the hints are right
     found = look(model, labels, error_px=0.0)
-    torch.testing.assert_close(found.keypoints_px, labels.keypoints_px, rtol=0, atol=0.02)
-    torch.testing.assert_close(from_crop(found.hints_px, found.crops), labels.keypoints_px[:, 0], rtol=0, atol=1e-4)
+    torch.testing.assert_close(found.keypoints_px, labels.keypoints_px, rtol=0, atol=0.02 * larger)
+    torch.testing.assert_close(from_crop(found.hints_px, found.crops), labels.keypoints_px[:, 0], rtol=1e-5, atol=1e-4)
 
 
-@pytest.mark.parametrize("why", ["absent", "large", "hint outside"])
-def test_what_is_not_looked_at_is_left_alone(why):
+def test_boats_that_are_not_there_are_left_alone():
     model, labels = refiner(), boats(2)
-    if why == "absent":
-        labels = labels._replace(present=torch.zeros_like(labels.present))
-    elif why == "large":
-        labels = labels._replace(boxes_px=12 * labels.boxes_px)  # 288 px long: cells of the crop would be 4.5 px wide
-    else:
-        labels = labels._replace(keypoints_px=labels.keypoints_px + 100)
-    found = look(model, labels, error_px=0.0)
-    assert len(found.picture) == (2 if why == "hint outside" else 0)
+    found = look(model, labels._replace(present=torch.zeros_like(labels.present)), error_px=0.0)
+    assert len(found.picture) == 0
     torch.testing.assert_close(found.keypoints_px, labels.keypoints_px, rtol=0, atol=0)
     torch.testing.assert_close(found.covariance_px2, torch.eye(2).expand(2, 1, 7, 2, 2), rtol=0, atol=0)
 
@@ -167,7 +162,7 @@ def test_a_boat_is_seen_alike_however_many_there_are():
     torch.testing.assert_close(in_turn.keypoints_px, together.keypoints_px, rtol=0, atol=1e-3)
 
 
-def test_in_use_it_looks_again_with_its_own_keypoints_as_hints_but_where_a_hint_lay_outside():
+def test_in_use_it_looks_again_with_its_own_keypoints_as_hints_wherever_the_first_ones_lay():
     model, labels = refiner(), boats(1)
     hinted: list[Tensor] = []
     exact = look(model, labels, error_px=0.0).hints_px
@@ -179,13 +174,12 @@ def test_in_use_it_looks_again_with_its_own_keypoints_as_hints_but_where_a_hint_
 
     model.draw = draw
     strayed_px = labels.keypoints_px + 2.0
-    strayed_px[0, 0, 5] = 500.0
+    strayed_px[0, 0, 5] = 500.0  # outside the crop
     found = look(model, labels._replace(keypoints_px=strayed_px), error_px=0.0)
     assert len(hinted) == 2
     torch.testing.assert_close(hinted[0], found.hints_px)
-    torch.testing.assert_close(hinted[1][0, :5], exact[0, :5], rtol=0, atol=0.1)
-    assert torch.equal(hinted[1][0, 5], hinted[0][0, 5])
-    assert torch.equal(found.keypoints_px[0, 0, 5], strayed_px[0, 0, 5])
-    torch.testing.assert_close(found.keypoints_px[0, 0, :5], labels.keypoints_px[0, 0, :5], rtol=0, atol=0.02)
+    assert inside_crop(hinted[0]).sum() == 6
+    torch.testing.assert_close(hinted[1], exact, rtol=0, atol=0.1)
+    torch.testing.assert_close(found.keypoints_px, labels.keypoints_px, rtol=0, atol=0.02)
     look(model.train(), labels, error_px=0.0)
     assert len(hinted) == 3  # training looks once

@@ -109,7 +109,7 @@ def predict(
         raise ValueError("checkpoint and model: got both, expected one of them")
     if output.exists() and not output.is_dir():
         raise ValueError(f"{output}: expected a folder for the results, but it is a file")
-    weights = model or checkpoint or default_checkpoint()
+    weights = model or checkpoint or default_checkpoint(refine=True)
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     before = [output / name for name in OUTPUTS if (output / name).exists()]
     with decoder_talk() as talk:

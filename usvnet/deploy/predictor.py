@@ -28,8 +28,8 @@ Picture = NDArray[np.uint8]
 DEFAULT_IMAGE_SIZE_PX = 640
 PREFERRED_ESTIMATORS = ("fused", "hull", "waterline", "box_bottom")
 """Best first; those that :class:`usvnet.types.Prediction` does not have are passed over."""
-SHIPPED = "usvnet-n.pt"
-"""The trained network that comes with usvnet."""
+SHIPPED = {False: "usvnet-n.pt", True: "usvnet-n-refine.pt"}
+"""The trained networks that come with usvnet: without and with a second look at the boats in the native picture."""
 
 
 class Predictor:
@@ -37,7 +37,7 @@ class Predictor:
 
     Pictures may be of any size that has the shape of the camera's: the camera is scaled along. Inside they are
     letterboxed to the network's size; boxes, keypoints and covariances come back in the picture's own pixels. A network
-    trained with ``model.refine`` looks at far boats again in the pictures as they are.
+    trained with ``model.refine`` looks at the boats again in the pictures as they are.
 
     Args:
         checkpoint: written by train.py, a model in memory, or an exported file that was opened.
@@ -175,15 +175,18 @@ def fit_camera(camera: Camera, width: int, height: int, name: str = "camera") ->
     return scale_camera(camera, (width, height))
 
 
-def default_checkpoint() -> Path:
-    """The weights to use where a person names none: ``checkpoints/usvnet-n.pt`` of the repository or the package.
+def default_checkpoint(refine: bool = False) -> Path:
+    """The weights to use where a person names none, from ``checkpoints`` of the repository or the package.
+
+    Args:
+        refine: those with a second look, where pictures come as the camera took them.
 
     Raises:
         FileNotFoundError: none came along.
     """
     package = Path(__file__).resolve().parents[1]
     for folder in (package.parent, package):
-        if (path := folder / "checkpoints" / SHIPPED).is_file():
+        if (path := folder / "checkpoints" / SHIPPED[refine]).is_file():
             return path
     raise FileNotFoundError("no trained weights came with this usvnet: name some with --checkpoint, e.g. a best.ckpt")
 

@@ -1,4 +1,4 @@
-"""The second look: seven finer heatmaps of each boat from a crop of the native picture."""
+"""The second look: seven heatmaps of each boat alone, from a crop of the native picture."""
 
 import torch
 from torch import Tensor, nn
@@ -10,11 +10,10 @@ from usvnet.crops import (
     Refinement,
     cut,
     from_crop,
-    inside_crop,
     place_crops,
     to_crop,
 )
-from usvnet.heatmap import HEATMAP_STRIDE, Moments, encode, highest_px, keypoints_from_moments, window_moments
+from usvnet.heatmap import Moments, encode, highest_px, keypoints_from_moments, window_moments
 from usvnet.network.blocks import Bottleneck, Conv
 from usvnet.types import NUM_KEYPOINTS, Native
 
@@ -69,7 +68,7 @@ class RefinedHeatmaps(nn.Module):
 
 
 class Refiner(nn.Module):
-    """Look again at the boats of which the native picture shows more than the image did.
+    """Look again at every boat, in a crop of the native picture.
 
     End to end: the hints carry the gradient on to the detector's keypoints, so a range that is read from refined
     keypoints teaches both networks. The crop's place is a choice and has no gradient.
@@ -79,7 +78,6 @@ class Refiner(nn.Module):
         super().__init__()
         self.heatmaps = RefinedHeatmaps()
         self.stride = REFINED_STRIDE
-        self.coarsest_step_px = HEATMAP_STRIDE / REFINED_STRIDE
         self.cells = CROP_SIZE_PX // REFINED_STRIDE
         self.hint_sigma_cells = HINT_SIGMA_CELLS
         self.hint_noise_px = HINT_NOISE_PX
@@ -90,8 +88,8 @@ class Refiner(nn.Module):
     ) -> Refinement:
         """Refine the keypoints of N boats in B pictures.
 
-        A boat so large that its heatmaps would be no finer than the detector's keeps what the detector says, and so
-        does a keypoint that the detector puts outside its boat's crop.
+        A boat that fills the picture is looked at as well, though a crop shows it no finer than the image does: in
+        crops all boats are of one size.
 
         Args:
             native: the pictures before they were shrunk.
@@ -101,14 +99,10 @@ class Refiner(nn.Module):
             present: (B, N) bool, False for boats to leave alone.
 
         Returns:
-            All keypoints, refined where they could be, and what training needs of the M boats looked at.
+            All keypoints, and what training needs of the M boats looked at.
         """
-        to_image = native.to_image.unsqueeze(1).expand(-1, boxes_px.shape[1], -1, -1)
-        all_crops = place_crops(boxes_px.flatten(0, 1), to_image.flatten(0, 1))
-        finer = (all_crops.step_px.squeeze(1) < self.coarsest_step_px).view_as(present)
-        picture, boat = torch.unbind((present & finer).nonzero(), 1)
-        flat = picture * boxes_px.shape[1] + boat
-        crops = Crops(all_crops.corner_px[flat], all_crops.step_px[flat])
+        picture, boat = torch.unbind(present.nonzero(), 1)
+        crops = place_crops(boxes_px[picture, boat], native.to_image[picture])
 
         hints_px = to_crop(keypoints_px[picture, boat], crops)
         if self.training:
@@ -117,13 +111,10 @@ class Refiner(nn.Module):
         logits = self.look(native, picture, crops, hints_px)
 
         moments, found_px, found_px2 = self.read(logits)
-        readable = inside_crop(hints_px).unsqueeze(2)
-        refined_px = torch.where(readable, from_crop(found_px.squeeze(1), crops), keypoints_px[picture, boat])
         scaled_px2 = found_px2.squeeze(1) * crops.step_px[:, :, None, None].square()
-        refined_px2 = torch.where(readable.unsqueeze(3), scaled_px2, covariance_px2[picture, boat])
         return Refinement(
-            keypoints_px=keypoints_px.index_put([picture, boat], refined_px),
-            covariance_px2=covariance_px2.index_put([picture, boat], refined_px2),
+            keypoints_px=keypoints_px.index_put([picture, boat], from_crop(found_px.squeeze(1), crops)),
+            covariance_px2=covariance_px2.index_put([picture, boat], scaled_px2),
             picture=picture,
             boat=boat,
             crops=crops,
@@ -142,11 +133,9 @@ class Refiner(nn.Module):
         for start in range(0, max(picture.shape[0], 1), at_once):  # once if there are none
             end = start + at_once
             crop = cut(native, picture[start:end], Crops(crops.corner_px[start:end], crops.step_px[start:end]))
-            seen_px = hints_px[start:end]
-            drawn = self.draw(crop, seen_px)
+            drawn = self.draw(crop, hints_px[start:end])
             if not self.training:
-                read_px = self.read(drawn)[1].squeeze(1)
-                drawn = self.draw(crop, torch.where(inside_crop(seen_px).unsqueeze(2), read_px, seen_px))
+                drawn = self.draw(crop, self.read(drawn)[1].squeeze(1))
             logits.append(drawn)
         return torch.cat(logits)
 

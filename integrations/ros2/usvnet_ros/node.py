@@ -78,7 +78,7 @@ class RangingNode(Node):
             return
         camera = camera_from_info(info, self.mount, self.value("rectified"))
         self.predictor = Predictor(
-            self.value("checkpoint") or default_checkpoint(),
+            self.value("checkpoint") or default_checkpoint(refine=True),
             camera,
             Path(self.value("hull")) if self.value("hull") else None,
             self.value("image_size") or None,
