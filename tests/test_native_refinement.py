@@ -1,5 +1,7 @@
 """``refine: native`` from the dataset's pictures to the checkpoint and back to a predictor."""
 
+import json
+
 import cv2
 import numpy as np
 import pytest
@@ -14,8 +16,11 @@ from usvnet.data.dataset import BoatDataset, collate
 from usvnet.data.pictures import Picture, read_picture
 from usvnet.data.records import Frame
 from usvnet.data.transforms import warp
-from usvnet.deploy.deployed import DeployedUSVNet
+from usvnet.deploy.deployed import INPUTS, NATIVE_INPUTS
+from usvnet.deploy.export import export_model
+from usvnet.deploy.exported import ExportedModel
 from usvnet.deploy.predictor import Predictor
+from usvnet.deploy.sidecar import sidecar_path
 from usvnet.geometry.camera import letterbox_camera, letterbox_matrix, make_camera
 from usvnet.model import USVNet
 from usvnet.training import USVModule
@@ -180,6 +185,22 @@ def test_a_predictor_refines_on_the_picture_as_it_comes(untrained_refiner, frame
     assert (refined.keypoints_px - plain.keypoints_px).abs().max() > 0.5
 
 
-def test_exports_refuse_a_model_that_refines(untrained_refiner):
-    with pytest.raises(ValueError, match="a model with refine: native needs the native picture"):
-        DeployedUSVNet(load_model(untrained_refiner))
+def test_a_file_refines_as_its_checkpoint_does(untrained_refiner, frame, tmp_path):
+    path = tmp_path / "model.ts"
+    parity = export_model(load_model(untrained_refiner), path, image_size=160)
+    assert parity.px <= 0.01
+    about = json.loads(sidecar_path(path).read_text())
+    assert list(about["inputs"]) == [*INPUTS, *NATIVE_INPUTS]
+    assert set(NATIVE_INPUTS) <= set(about["inputs_that_may_be_left_out"])
+    picture = read_picture(frame.image_path)
+    by_file = Predictor(ExportedModel(path), frame.camera, confidence=0.0)(picture)
+    by_model = Predictor(untrained_refiner, frame.camera, confidence=0.0)(picture)
+    expected = np.stack([boat.keypoints_px for boat in by_model])
+    np.testing.assert_allclose(np.stack([boat.keypoints_px for boat in by_file]), expected, atol=0.05)
+
+
+@pytest.mark.parametrize("suffix", [".pt2", ".onnx", ".xml"])
+def test_formats_that_take_no_native_picture_refuse_a_model_that_refines(untrained_refiner, tmp_path, suffix):
+    with pytest.raises(ValueError, match=rf"model\{suffix}: a model with refine: native .* expected \.ts, \.pt"):
+        export_model(load_model(untrained_refiner), tmp_path / f"model{suffix}")
+    assert list(tmp_path.glob("model*")) == []

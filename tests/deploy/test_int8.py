@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -184,7 +185,9 @@ def test_samples_are_spread_evenly(data):
 
 
 def test_what_cannot_be_is_refused_before_anything_is_written(data, root, tmp_path, monkeypatch):
-    model, out = nn.Module(), tmp_path / "out" / "model.xml"
+    model, out = SimpleNamespace(refiner=None), tmp_path / "out" / "model.xml"
+    with pytest.raises(ValueError, match=r"model\.xml: a model with refine: native .* expected \.ts, \.pt"):
+        export_int8(SimpleNamespace(refiner=nn.Identity()), out, Int8Data(data))
     with pytest.raises(ValueError, match=r"model\.onnx: got the suffix '\.onnx', expected \.xml: int8 is for OpenVINO"):
         export_int8(model, out.with_suffix(".onnx"), Int8Data(data))
     for tolerance_m in (-0.1, math.nan, math.inf):
@@ -210,7 +213,7 @@ def test_a_missing_library_is_named(data, tmp_path, monkeypatch):
 
     monkeypatch.setattr(runtimes.importlib, "import_module", nothing_is_installed)
     with pytest.raises(ValueError, match=r"nncf is not installed: needs pip install usvnet\[int8\]"):
-        export_int8(nn.Module(), tmp_path / "model.xml", Int8Data(data))
+        export_int8(SimpleNamespace(refiner=None), tmp_path / "model.xml", Int8Data(data))
 
 
 def test_the_command_says_what_was_measured(untrained, tmp_path, monkeypatch, capsys):

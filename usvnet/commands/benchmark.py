@@ -83,6 +83,11 @@ def benchmark(
         torch.set_num_threads(threads)
     size = image_size or read_checkpoint(checkpoint)[STAMP].get("image_size") or DEFAULT_IMAGE_SIZE_PX
     model = load_model(checkpoint)
+    if model.refiner is not None:
+        raise ValueError(
+            f"{checkpoint}: has a second look at native pictures (refine: native), which only TorchScript takes: "
+            "expected a checkpoint without one to compare formats with"
+        )
     stride_px = model.network.largest_stride_px
     if size % stride_px:
         raise ValueError(f"image_size: got {size}, expected a multiple of {stride_px}")

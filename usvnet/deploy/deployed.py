@@ -10,7 +10,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from usvnet.data.transforms import FILL
 from usvnet.model import USVNet
 from usvnet.network.blocks import Conv
-from usvnet.types import Camera, Hull, RangeEstimate
+from usvnet.types import Camera, Hull, Native, RangeEstimate
 
 INPUTS = {
     "image": "(B, 3, H, W) float32, RGB in [0, 1], no mean subtracted; any H and W",
@@ -27,6 +27,12 @@ INPUTS = {
     "hull_std": "(B, 2) standard deviations of the hull's relative size and of each of its coordinates (m); may be "
     "left out, and the hull is then taken as exact",
 }
+NATIVE_INPUTS = {
+    "native_picture": "(B, 3, h, w) uint8, RGB: the pictures as the camera took them, of which image is a shrunk and "
+    "shifted copy; may be left out, and the keypoints are then those seen in image",
+    "native_to_image": "(B, 3, 3) map from their pixels to those of image: positive scales and a shift",
+}
+"""What a model with ``refine: native`` takes beside :data:`INPUTS`, in TorchScript; other models pass them over."""
 OUTPUTS = {
     "boxes_px": "(B, N, 4) x1, y1, x2, y2",
     "scores": "(B, N) in [0, 1], best first",
@@ -73,18 +79,10 @@ class DeployedUSVNet(nn.Module):
     Args:
         model: left as it is.
         score_threshold: lowest score that counts as a boat.
-
-    Raises:
-        ValueError: the model refines keypoints on native pictures, which the interface does not take.
     """
 
     def __init__(self, model: USVNet, score_threshold: float = 0.25) -> None:
         super().__init__()
-        if model.refiner is not None:
-            raise ValueError(
-                "a model with refine: native needs the native picture beside the image, which exported files do not "
-                "take: use its checkpoint, or export one trained without refine"
-            )
         model = copy.deepcopy(model).eval().requires_grad_(False)
         fold_norms(model)
         model.score_threshold = 0.0
@@ -102,8 +100,10 @@ class DeployedUSVNet(nn.Module):
         camera_std: Tensor | None = None,
         hull_points_m: Tensor | None = None,
         hull_std: Tensor | None = None,
+        native_picture: Tensor | None = None,
+        native_to_image: Tensor | None = None,
     ) -> dict[str, Tensor]:
-        """Find and range the boats in B pictures; see :data:`INPUTS`, :data:`OUTPUTS` and :data:`ESTIMATES`."""
+        """Find and range the boats in B pictures; see :data:`INPUTS`, :data:`NATIVE_INPUTS` and :data:`ANSWERS`."""
         batch, height, width = image.shape[0], image.shape[2], image.shape[3]
         if camera_std is None:
             camera_std = torch.zeros([batch, 5], dtype=K.dtype, device=K.device)
@@ -125,8 +125,11 @@ class DeployedUSVNet(nn.Module):
             if hull_std is None:
                 hull_std = torch.zeros([batch, 2], dtype=K.dtype, device=K.device)
             hull = Hull(hull_points_m, hull_std[:, 0], hull_std[:, 1])
+        native: Native | None = None
+        if native_picture is not None and native_to_image is not None:
+            native = Native(native_picture, native_to_image)
         filled = fill_up(image, self.model.network.largest_stride_px)
-        prediction = self.model(filled.contiguous(memory_format=torch.channels_last), camera, hull)
+        prediction = self.model(filled.contiguous(memory_format=torch.channels_last), camera, hull, native)
         named = {
             "boxes_px": prediction.boxes_px,
             "scores": prediction.scores,

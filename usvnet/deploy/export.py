@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from usvnet.deploy.deployed import DeployedUSVNet
-from usvnet.deploy.formats import format_of
+from usvnet.deploy.formats import check_takes, format_of
 from usvnet.deploy.parity import Parity, check_parity
 from usvnet.deploy.predictor import DEFAULT_IMAGE_SIZE_PX
 from usvnet.deploy.runtimes import needed, open_runtime
@@ -30,11 +30,12 @@ def export_model(
         The greatest differences between the file and the model.
 
     Raises:
-        ValueError: another suffix, a library that is not installed, or a file that says something else than the model
-            when read back. No file is left in that case.
+        ValueError: another suffix, one that does not take what the model needs, a library that is not installed, or a
+            file that says something else than the model when read back. No file is left in that case.
     """
     path = Path(path)
     kind = format_of(path)
+    check_takes(path, model)
     for package in kind.packages:
         needed(package)
     deployed = DeployedUSVNet(model, score_threshold).eval()

@@ -13,7 +13,7 @@ from usvnet.data.dataset import BoatDataset, Sample
 from usvnet.data.reader import read_dataset
 from usvnet.deploy.deployed import DeployedUSVNet
 from usvnet.deploy.export import draft_of
-from usvnet.deploy.formats import FORMATS, write_openvino
+from usvnet.deploy.formats import FORMATS, check_takes, write_openvino
 from usvnet.deploy.gate import Gate, measure
 from usvnet.deploy.parity import check_parity
 from usvnet.deploy.predictor import DEFAULT_IMAGE_SIZE_PX
@@ -76,6 +76,7 @@ def export_int8(
     path = Path(path)
     if path.suffix != SUFFIX:
         raise ValueError(f"{path}: got the suffix {path.suffix!r}, expected {SUFFIX}: int8 is for OpenVINO")
+    check_takes(path, model)
     data.check()
     versions = {
         package.__name__: package.__version__

@@ -9,7 +9,7 @@ from usvnet.deploy.deployed import ESTIMATES, plain_inputs
 from usvnet.deploy.runtimes import open_runtime, usable_device
 from usvnet.deploy.sidecar import read_sidecar
 from usvnet.geometry.hull_model import generic_hull, hull_to
-from usvnet.types import Camera, Hull, Prediction, RangeEstimate
+from usvnet.types import Camera, Hull, Native, Prediction, RangeEstimate
 
 
 class ExportedModel:
@@ -32,10 +32,13 @@ class ExportedModel:
         """Lowest score of a boat; may be set."""
         self.runtime = open_runtime(self.path, self.device)
 
-    def __call__(self, image: Tensor, camera: Camera, hull: Hull | None = None, native: None = None) -> Prediction:
-        """Find and range the boats, as :meth:`usvnet.model.USVNet.forward`; exported files take no native pictures."""
+    def __call__(
+        self, image: Tensor, camera: Camera, hull: Hull | None = None, native: Native | None = None
+    ) -> Prediction:
+        """Find and range the boats, as :meth:`usvnet.model.USVNet.forward`."""
         hull = hull or hull_to(generic_hull(len(image)), self.device)
-        return as_prediction(self.runtime(*plain_inputs(image, camera, hull)), self.score_threshold)
+        again = native if self.sidecar.refines and native is not None else ()
+        return as_prediction(self.runtime(*plain_inputs(image, camera, hull), *again), self.score_threshold)
 
 
 def as_prediction(named: dict[str, Tensor], score_threshold: float) -> Prediction:

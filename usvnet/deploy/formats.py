@@ -12,6 +12,7 @@ from usvnet.deploy.deployed import ANSWERS, INPUTS, DeployedUSVNet, PositionalUS
 from usvnet.deploy.parity import probe_camera
 from usvnet.deploy.runtimes import fix_shapes, needed
 from usvnet.geometry.hull_model import generic_hull
+from usvnet.model import USVNet
 
 OPSET = 18
 SMALLEST_STRIDES = 3
@@ -36,6 +37,8 @@ class Format(NamedTuple):
     """Suffixes of further files of the same name that belong to it."""
     optional_inputs: tuple[str, ...] = ()
     """Those that may be left out."""
+    takes_native: bool = False
+    """Whether it takes the pictures as the camera took them, which a model with ``refine: native`` looks at again."""
 
 
 def example_inputs(stride_px: int, batch: int = 2) -> tuple[Tensor, ...]:
@@ -111,8 +114,8 @@ def write_openvino(deployed: DeployedUSVNet, path: Path, image_size: int) -> Non
 OPTIONAL = ("camera_std", "hull_points_m", "hull_std")
 ANY = "any batch, height and width"
 FORMATS = {
-    ".ts": Format("TorchScript", write_torchscript, (), ANY, (), OPTIONAL),
-    ".pt": Format("TorchScript", write_torchscript, (), ANY, (), OPTIONAL),
+    ".ts": Format("TorchScript", write_torchscript, (), ANY, (), OPTIONAL, takes_native=True),
+    ".pt": Format("TorchScript", write_torchscript, (), ANY, (), OPTIONAL, takes_native=True),
     ".pt2": Format(
         "torch.export",
         write_torch_export,
@@ -147,3 +150,17 @@ def format_of(path: Path) -> Format:
     if path.suffix not in FORMATS:
         raise ValueError(f"{path}: got the suffix {path.suffix!r}, expected one of {', '.join(FORMATS)}")
     return FORMATS[path.suffix]
+
+
+def check_takes(path: Path, model: USVNet) -> None:
+    """Insist that the format of ``path`` takes what the model needs.
+
+    Raises:
+        ValueError: it does not take native pictures, and the model refines keypoints on them; or no such format.
+    """
+    if model.refiner is not None and not format_of(path).takes_native:
+        able = ", ".join(suffix for suffix, kind in FORMATS.items() if kind.takes_native)
+        raise ValueError(
+            f"{path}: a model with refine: native looks at the native picture beside the image, which only TorchScript "
+            f"takes: expected {able}, or a checkpoint trained without refine"
+        )

@@ -21,7 +21,7 @@ from usvnet.geometry.ranging import RangingLayer
 from usvnet.geometry.rays import level_rotation
 from usvnet.heatmap import HEATMAP_STRIDE, SIGMA_CELLS, decode
 from usvnet.model import USVNet
-from usvnet.types import Camera
+from usvnet.types import Camera, Native
 
 BATCH_AND_SIZE = ((1, 3, 4), (2, 3, 4), (1, 6, 5), (2, 6, 5))
 """Batch, height and width of the pictures compared, the latter two in the network's largest strides."""
@@ -74,9 +74,10 @@ def check_parity(model: USVNet, deployed: DeployedUSVNet, reloaded: Answer) -> P
             coarse = torch.rand((batch, 3, height // 16, width // 16), generator=generator)
             image = functional.interpolate(coarse, (height, width), mode="bicubic").clamp(0, 1)
             camera = probe_camera(batch, height, width)
+            native = None if model.refiner is None else probe_native(image)
             for found in (
                 compare_networks(model, deployed.model, image, camera),
-                compare_chains(deployed, reloaded, image, camera),
+                compare_chains(deployed, reloaded, image, camera, native),
             ):
                 worst = Parity(*[max(a, b) for a, b in zip(worst, found)])
         found = compare_fits(deployed.model.ranging, probe_camera(2, 96, 128))
@@ -110,6 +111,13 @@ def probe_camera(batch: int, height: int, width: int) -> Camera:
     )
 
 
+def probe_native(image: Tensor) -> Native:
+    """Pictures of which the images (B, 3, H, W) are copies at half the size."""
+    picture = functional.interpolate(image, scale_factor=2, mode="bicubic").clamp(0, 1)
+    to_image = torch.tensor([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1]])
+    return Native((255 * picture).round().to(torch.uint8), to_image.expand(len(image), 3, 3))
+
+
 def compare_networks(model: USVNet, folded: USVNet, image: Tensor, camera: Camera) -> Parity:
     """Difference of all anchors' boxes, keypoints, scores and ranges, and of the heatmaps' centres of mass."""
     answers = []
@@ -134,12 +142,14 @@ def compare_networks(model: USVNet, folded: USVNet, image: Tensor, camera: Camer
     )
 
 
-def compare_chains(deployed: DeployedUSVNet, reloaded: Answer, image: Tensor, camera: Camera) -> Parity:
+def compare_chains(
+    deployed: DeployedUSVNet, reloaded: Answer, image: Tensor, camera: Camera, native: Native | None = None
+) -> Parity:
     """Difference of everything that the whole chain answers, in memory and from the file.
 
     What a fit says is compared where it fits, by the median boat, since the fit of a single one may start elsewhere.
     """
-    inputs = plain_inputs(image, camera, generic_hull(len(image)))
+    inputs = (*plain_inputs(image, camera, generic_hull(len(image))), *(native or ()))
     expected, got = shared_boats(deployed(*inputs), reloaded(*inputs))
     pixels = ("boxes_px", "keypoints_px")
     names = [name for name in expected if not name.startswith(OF_FITS)]

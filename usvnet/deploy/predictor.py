@@ -78,7 +78,7 @@ class Predictor:
         self.hull = load_hull(hull) if isinstance(hull, Path | str) else hull
         self.model: Callable[..., Prediction]
         if isinstance(checkpoint, ExportedModel):
-            self.device, self.refines, self.model = checkpoint.device, False, checkpoint
+            self.device, self.refines, self.model = checkpoint.device, checkpoint.sidecar.refines, checkpoint
             self.stride_px, self.factors = checkpoint.sidecar.largest_stride_px, checkpoint.sidecar.factors
             checkpoint.score_threshold = confidence
         else:

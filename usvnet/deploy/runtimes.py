@@ -19,7 +19,10 @@ class Runtime(Protocol):
     """A file ready to run."""
 
     def __call__(self, *inputs: Tensor) -> dict[str, Tensor]:
-        """Find and range boats: all of :data:`INPUTS` in their order -> :data:`ANSWERS` by name."""
+        """Find and range boats: all of :data:`INPUTS` in their order -> :data:`ANSWERS` by name.
+
+        TorchScript also takes :data:`usvnet.deploy.deployed.NATIVE_INPUTS` after them.
+        """
 
 
 def needed(package: str, extra: str = "export") -> ModuleType:

@@ -11,7 +11,7 @@ from torch import nn
 
 from usvnet import __version__
 from usvnet.checkpoints import sha256
-from usvnet.deploy.deployed import ANSWERS, INPUTS
+from usvnet.deploy.deployed import ANSWERS, INPUTS, NATIVE_INPUTS
 from usvnet.deploy.formats import format_of
 from usvnet.geometry.hull_model import generic_hull
 from usvnet.intervals import IntervalFactors
@@ -39,6 +39,7 @@ def describe(model: USVNet, path: Path, score_threshold: float, image_size: int 
     """Everything that a user of the file must know but how it compares, ready for JSON."""
     hull = generic_hull()
     kind = format_of(path)
+    more = NATIVE_INPUTS if model.refiner is not None else {}
     return {
         "format": kind.title,
         "shapes": kind.shapes,
@@ -54,10 +55,11 @@ def describe(model: USVNet, path: Path, score_threshold: float, image_size: int 
             "score_threshold": score_threshold,
             "iou_threshold": model.iou_threshold,
             "curved_water": model.ranging.curved_water,
+            "refine": None if model.refiner is None else "native",
             "interval_factors": {name: found._asdict() for name, found in model.intervals.factors().items()},
         },
-        "inputs": INPUTS,
-        "inputs_that_may_be_left_out": kind.optional_inputs,
+        "inputs": INPUTS | more,
+        "inputs_that_may_be_left_out": (*kind.optional_inputs, *more),
         "outputs": ANSWERS,
         "generic_hull": {name: value[0].tolist() for name, value in hull._asdict().items()},
         "keypoint_names": KEYPOINT_NAMES,
@@ -83,6 +85,8 @@ class Sidecar(NamedTuple):
     image_size: int | None
     """Side of the pictures that the network was trained on."""
     largest_stride_px: int
+    refines: bool
+    """Whether it looks at boats again in native pictures."""
     factors: dict[str, IntervalFactors]
 
 
@@ -106,6 +110,7 @@ def read_sidecar(path: Path) -> Sidecar:
             score_threshold=float(model["score_threshold"]),
             image_size=None if size is None else int(size),
             largest_stride_px=int(model["largest_stride_px"]),
+            refines=model.get("refine") == "native",  # files of before have no such field
             factors={name: IntervalFactors(**factors) for name, factors in model["interval_factors"].items()},
         )
         names = tuple(about["keypoint_names"])
