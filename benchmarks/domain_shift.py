@@ -23,7 +23,13 @@ median rel. error | MAE m |
 
 
 def main(
-    checkpoint: Path, roots: list[Path], output: Path, image_size: int = 640, split: str = "test", batch_size: int = 8
+    checkpoint: Path,
+    roots: list[Path],
+    output: Path,
+    image_size: int = 640,
+    split: str = "test",
+    batch_size: int = 8,
+    native_size: int | None = None,
 ) -> None:
     """Predict once, score each dataset as a whole and by scene.
 
@@ -34,12 +40,13 @@ def main(
         image_size: side of the square picture that the network sees.
         split: of each dataset.
         batch_size: pictures a batch.
+        native_size: side of the pictures that keypoints are refined on, where the network does that.
     """
     model = load_model(checkpoint)
     lines, scores = [HEADER], {}
     for root in roots:
         frames = read_dataset(root, split)
-        dataset = BoatDataset(frames, image_size)
+        dataset = BoatDataset(frames, image_size, native_px=native_size)
         path = output / f"{root.name}.jsonl"
         meta = prediction_meta(model, dataset, split) | {"checkpoint_sha256": sha256(checkpoint)}
         if not path.is_file():
