@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from usvnet.deploy.parity import probe_camera
+from usvnet.deploy.probes import probe_camera
 from usvnet.keypoint_noise import KeypointNoise
 from usvnet.model import USVNet
 from usvnet.types import Hull

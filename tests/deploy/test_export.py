@@ -9,8 +9,9 @@ from torch.nn import functional
 from usvnet.deploy import export
 from usvnet.deploy.deployed import INPUTS, NATIVE_INPUTS, OUTPUTS, DeployedUSVNet, camera_std
 from usvnet.deploy.exported import ExportedModel
-from usvnet.deploy.parity import check_parity, compare_chains, probe_camera
+from usvnet.deploy.parity import check_parity, compare_chains
 from usvnet.deploy.predictor import Predictor
+from usvnet.deploy.probes import probe_camera
 from usvnet.deploy.sidecar import read_sidecar, sidecar_path
 from usvnet.intervals import ESTIMATORS, UNCALIBRATED, IntervalFactors
 from usvnet.model import USVNet

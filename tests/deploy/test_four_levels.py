@@ -5,7 +5,7 @@ import torch
 
 from usvnet.deploy.deployed import DeployedUSVNet, fill_up
 from usvnet.deploy.export import export_model
-from usvnet.deploy.parity import probe_camera
+from usvnet.deploy.probes import probe_camera
 from usvnet.model import USVNet
 
 

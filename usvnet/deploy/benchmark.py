@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from usvnet.deploy.deployed import DeployedUSVNet, plain_inputs
-from usvnet.deploy.parity import probe_camera
+from usvnet.deploy.probes import probe_camera
 from usvnet.geometry.hull_model import generic_hull
 from usvnet.heatmap import decode
 from usvnet.network.nms import select_boats

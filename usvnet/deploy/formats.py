@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from usvnet.deploy.deployed import ANSWERS, INPUTS, DeployedUSVNet, PositionalUSVNet, plain_inputs
-from usvnet.deploy.parity import probe_camera
+from usvnet.deploy.probes import probe_camera
 from usvnet.deploy.runtimes import fix_shapes, needed
 from usvnet.geometry.hull_model import generic_hull
 from usvnet.model import USVNet
