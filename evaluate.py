@@ -1,5 +1,6 @@
 """Evaluate usvnet: python evaluate.py --config configs/experiment/x.yaml --checkpoint runs/x/checkpoints/best.ckpt."""
 
+import sys
 from argparse import SUPPRESS
 from typing import Any
 
@@ -15,18 +16,18 @@ OF_TRAINING = (
 def main() -> None:
     """Score a checkpoint on a split of the configuration's dataset."""
     # imported after run_program has begun, so that Ctrl-C while importing is handled too
-    from usvnet.checkpoints import read_checkpoint
+    from usvnet.checkpoints import STAMP, read_checkpoint
     from usvnet.data.datamodule import BoatDataModule
     from usvnet.deploy.predictor import default_checkpoint
     from usvnet.evaluation.calibrator import calibrate_checkpoint
-    from usvnet.evaluation.evaluator import evaluate_checkpoint
+    from usvnet.evaluation.evaluator import evaluate_checkpoint, unlike_training
     from usvnet.training_cli import OneLineParser, quiet
 
     quiet()
     parser = OneLineParser(description="Score a trained usvnet: predictions, tables, metrics.json, overlay pictures.")
     parser.add_argument("--config", action="config", help="the configuration that trained it")
     parser.add_argument(
-        "--checkpoint", type=str | None, default=None, help="written by train.py [the one that comes with usvnet]"
+        "--checkpoint", type=str | None, default=None, help="written by train.py [checkpoints/usvnet-n.pt]"
     )
     parser.add_argument("--split", type=str, default="test", help="train, val or test")
     parser.add_argument("--output", type=str | None, default=None, help="folder of the results [beside the checkpoint]")
@@ -52,8 +53,10 @@ def main() -> None:
         settings.output = settings.output or f"runs/{settings.checkpoint.stem}/evaluation/{settings.split}"
         if settings.calibrate_intervals is not None:
             raise ValueError(f"calibrate_intervals changes a checkpoint: name a copy of {settings.checkpoint} with it")
-    else:
-        read_checkpoint(settings.checkpoint)  # a missing or damaged one is told before horizons are looked for
+    # a missing or damaged one is told before horizons are looked for
+    stamp = read_checkpoint(settings.checkpoint)[STAMP]
+    for sentence in unlike_training(stamp, data.eval_image_size, data.native_size):
+        print(f"note: {settings.checkpoint} {sentence}", file=sys.stderr)
     if settings.calibrate_intervals is not None:
         calibrated_on = data.dataset(settings.calibrate_intervals)
         calibrate_checkpoint(

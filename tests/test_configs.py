@@ -88,12 +88,6 @@ def test_pictures_too_small_for_the_network_are_named(key, tmp_path):
         build(tmp_path, *arguments, f"--data.{key}=96")
 
 
-def test_a_model_that_refines_is_not_exported_after_training(tmp_path):
-    arguments = ["--config", "configs/experiment/refinement.yaml", "--export_after", "true"]
-    with pytest.raises(ValueError, match="export_after is true, but an exported file takes no native pictures"):
-        build(tmp_path, *arguments)
-
-
 def test_weights_alone_are_no_run_to_continue(untrained, tmp_path):
     cli = build(tmp_path, "--config", "configs/experiment/quickstart.yaml", "--ckpt_path", untrained)
     with pytest.raises(ValueError, match=r"best\.ckpt: got weights alone, .* --model\.initial_weights"):

@@ -71,12 +71,28 @@ def test_without_a_checkpoint_the_shipped_one_is_scored_and_nothing_is_written_b
 
 
 def test_where_no_network_was_shipped_one_must_be_named(run, root, capsys, monkeypatch):
-    monkeypatch.setattr("usvnet.deploy.predictor.SHIPPED", "none.pt")
+    monkeypatch.setattr("usvnet.deploy.predictor.SHIPPED", {False: "none.pt"})
     with pytest.raises(SystemExit) as stopped:
         run("--data.root", root / "data" / "sample")
     assert stopped.value.code == 2
     error = capsys.readouterr().err
     assert error == "error: no trained weights came with this usvnet: name some with --checkpoint, e.g. a best.ckpt\n"
+
+
+def test_what_is_shown_otherwise_than_in_training_is_told(run, root, checkpoint, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("usvnet.evaluation.evaluator.evaluate_checkpoint", lambda *a, **k: None)
+    saved = torch.load(checkpoint, weights_only=True)
+    saved["usvnet"] |= {"image_size": 64, "refine": "native"}
+    torch.save(saved, tmp_path / "refined.ckpt")
+    arguments = ["--checkpoint", tmp_path / "refined.ckpt", "--data.root", root / "data" / "sample"]
+    run(*arguments, "--data.image_size", 96)
+    assert capsys.readouterr().err.splitlines() == [
+        f"note: {tmp_path}/refined.ckpt was trained for pictures of 64 px and is shown 96: data.eval_image_size",
+        f"note: {tmp_path}/refined.ckpt has a second look, which is left out: data.native_size, the longer side of the "
+        "pictures",
+    ]
+    run(*arguments, "--data.image_size", 96, "--data.eval_image_size", 64, "--data.native_size", 320)
+    assert capsys.readouterr().err == ""
 
 
 def test_pictures_that_the_network_cannot_take_are_refused(run, root, capsys, tmp_path):

@@ -230,7 +230,7 @@ class USVModule(LightningModule):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Write what :func:`usvnet.checkpoints.load_model` needs to build the network, and the curriculum's state."""
-        image_size = getattr(getattr(self.trainer, "datamodule", None), "image_size", None)
+        image_size = getattr(getattr(self.trainer, "datamodule", None), "eval_image_size", None)  # as it is used
         checkpoint[STAMP] = {**self.stamp, "image_size": image_size}
         checkpoint["range_curriculum"] = float(self.curriculum.error)
 

@@ -91,8 +91,6 @@ class TrainingCLI(LightningCLI):
             raise ValueError("model.refine is native, which needs data.native_size: the longer side of the pictures")
         if native_size is not None and not refine:
             raise ValueError(f"data.native_size is {native_size}, which needs model.refine to be native")
-        if refine and self.config.export_after:
-            raise ValueError("export_after is true, but an exported file takes no native pictures for model.refine")
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:
         """Build the trainer with its logger in the run folder."""

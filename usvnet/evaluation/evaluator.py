@@ -2,9 +2,9 @@
 
 import dataclasses
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 
@@ -86,6 +86,25 @@ def evaluate_checkpoint(
     if path is not None:
         print(f"open {path} in a browser")
     return scores
+
+
+def unlike_training(stamp: Mapping[str, Any], image_size: int, native_size: int | None) -> list[str]:
+    """How pictures are shown to a network otherwise than it was made for, each in the rest of a sentence.
+
+    Args:
+        stamp: of its checkpoint.
+        image_size: side of what it is shown.
+        native_size: side of what its second look is shown, if anything.
+    """
+    sentences = []
+    trained_size = stamp.get("image_size")
+    if trained_size not in (None, image_size):
+        sentences.append(
+            f"was trained for pictures of {trained_size} px and is shown {image_size}: data.eval_image_size"
+        )
+    if stamp.get("refine") and native_size is None:
+        sentences.append("has a second look, which is left out: data.native_size, the longer side of the pictures")
+    return sentences
 
 
 def evaluate(

@@ -21,6 +21,7 @@ from lightning.pytorch import Callback, LightningModule, Trainer
 from usvnet import __version__
 from usvnet.callbacks import CHECKPOINT_FOLDER
 from usvnet.checkpoints import read_checkpoint
+from usvnet.evaluation.calibrator import calibrate_checkpoint
 from usvnet.evaluation.evaluator import evaluate_checkpoint
 from usvnet.evaluation.scores import finite
 from usvnet.files import run_program
@@ -72,6 +73,7 @@ def main() -> None:
         return
     trained = read_progress(folder) or Progress("training", cli.trainer.current_epoch, 0.0)
     write_progress(folder, Progress("scoring", trained.epochs_done, trained.training_s))
+    calibrate_checkpoint(checkpoint, cli.datamodule.dataset("val"), "val", cli.datamodule.batch_size)
     scores = evaluate_checkpoint(checkpoint, test, "test", batch_size=cli.datamodule.batch_size, overwrite=True)
     result = Result(
         configuration_sha256=hashlib.sha256(configuration.read_bytes()).hexdigest(),
