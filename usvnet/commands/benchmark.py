@@ -59,7 +59,7 @@ def benchmark(
     from one picture in memory to its ranges, on the processor; the formats take turns.
 
     Args:
-        checkpoint: Weights written by train.py; the ones that come with usvnet where none is named.
+        checkpoint: Weights written by train.py; checkpoints/usvnet-n.pt where none is named.
         image_size: Side of the square picture, pixels; the size it was trained on where none is named.
         formats: Suffixes to try; those whose library is missing are passed over.
         models: Exported files to time as well, such as one in int8; what they differ by is in their descriptions.

@@ -25,7 +25,7 @@ def export(
     Args:
         output: file to write: .ts or .pt (TorchScript), .pt2 (torch.export), .onnx (ONNX) or .xml (OpenVINO, its
             weights in a .bin beside it); described by a .json beside it.
-        checkpoint: weights written by train.py; the ones that come with usvnet where none is named.
+        checkpoint: weights written by train.py; checkpoints/usvnet-n.pt where none is named.
         score_threshold: lowest score that the file marks as a boat.
         max_boats: most boats reported a picture.
         int8_data: dataset folder with laser ranges: the network goes into an OpenVINO file in 8 bits, fitted to some of

@@ -69,7 +69,7 @@ def predict(
     Args:
         source: Picture, folder, glob (quote it), video, number of a webcam, or rtsp:// or http:// address.
         camera: Camera file of usvnet calibrate, with the mount; scaled where pictures have another size but its shape.
-        checkpoint: Weights written by train.py; the ones that come with usvnet where none is named.
+        checkpoint: Weights written by train.py; checkpoints/usvnet-n-refine.pt where none is named.
         model: File of usvnet export (.ts, .pt, .pt2, .onnx or .xml) to compute with instead of a checkpoint.
         hull: Hull file of the boats to expect, for the estimators hull and fused; a generic one where none is named.
         attitude: Pitch and roll from files (the imu's, else the mount's), from the horizon seen in the picture (the
