@@ -58,6 +58,8 @@ def main() -> None:
     for sentence in unlike_training(stamp, data.eval_image_size, data.native_size):
         print(f"note: {settings.checkpoint} {sentence}", file=sys.stderr)
     if settings.calibrate_intervals is not None:
+        if stamp.get("refine") and data.native_size is None:
+            raise ValueError("calibrate_intervals: expected data.native_size, too: a second look is calibrated")
         calibrated_on = data.dataset(settings.calibrate_intervals)
         calibrate_checkpoint(
             settings.checkpoint, calibrated_on, settings.calibrate_intervals, data.batch_size, settings.range_confidence

@@ -1,5 +1,6 @@
 """Every configuration in the repository is understood, and a wrong one is answered in one line."""
 
+import os
 import subprocess
 import sys
 
@@ -138,3 +139,21 @@ def test_a_fresh_start_over_another_run_is_told(tmp_path, capsys, monkeypatch):
     told = capsys.readouterr().err
     assert told.startswith(f"note: {tmp_path} holds a run already")
     assert "--resume true" in told
+
+
+@pytest.mark.parametrize("validated", [False, True])
+def test_the_best_checkpoint_of_an_earlier_run_is_not_taken_for_this_one_s(tmp_path, monkeypatch, validated):
+    folder = tmp_path / "checkpoints"
+    folder.mkdir()
+    (folder / "best.ckpt").write_bytes(b"of an earlier run")
+    (folder / "last.ckpt").write_bytes(b"of an earlier run")
+    os.utime(folder / "best.ckpt", (0, 0))
+
+    def fit(*_, **__):
+        for name in ("last", "best") if validated else ("last",):
+            (folder / f"{name}.ckpt").write_bytes(b"of this run")
+
+    monkeypatch.setattr("lightning.pytorch.Trainer.fit", fit)
+    found = build(tmp_path, "--config", "configs/experiment/quickstart.yaml").fit()
+    assert found == folder / ("best.ckpt" if validated else "last.ckpt")
+    assert {path.read_bytes() for path in folder.iterdir()} == {b"of this run"}

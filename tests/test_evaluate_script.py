@@ -93,6 +93,9 @@ def test_what_is_shown_otherwise_than_in_training_is_told(run, root, checkpoint,
     ]
     run(*arguments, "--data.image_size", 96, "--data.eval_image_size", 64, "--data.native_size", 320)
     assert capsys.readouterr().err == ""
+    with pytest.raises(SystemExit):
+        run(*arguments, "--data.image_size", 64, "--calibrate_intervals", "val")
+    assert "calibrate_intervals: expected data.native_size, too" in capsys.readouterr().err
 
 
 def test_pictures_that_the_network_cannot_take_are_refused(run, root, capsys, tmp_path):

@@ -130,6 +130,8 @@ class TrainingCLI(LightningCLI):
             KeyboardInterrupt: the user stopped the run; a line on stderr says how to go on.
         """
         start = self.start_checkpoint()
+        best = self.checkpoints / "best.ckpt"
+        of_another_run = best.stat().st_mtime_ns if start is None and best.is_file() else None
         if start is None and (self.checkpoints / "last.ckpt").is_file() and self.trainer.is_global_zero:
             note = "its checkpoints will be replaced (--resume true goes on with it instead)"
             print(f"note: {self.config.run_dir} holds a run already, {note}", file=sys.stderr)
@@ -142,7 +144,10 @@ class TrainingCLI(LightningCLI):
             if last.is_file():
                 print("to continue, add --resume true to the same command", file=sys.stderr)
             raise KeyboardInterrupt from None
-        best = self.checkpoints / "best.ckpt"
+        if best.is_file() and best.stat().st_mtime_ns == of_another_run:  # nothing was validated, nothing replaced it
+            if self.trainer.is_global_zero:
+                best.unlink()
+            return self.checkpoints / "last.ckpt"
         return best if best.is_file() else self.checkpoints / "last.ckpt"
 
 

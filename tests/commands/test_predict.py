@@ -204,6 +204,8 @@ def test_an_imu_turns_the_camera_of_every_frame_at_its_time(predict, video, fold
     assert angles[:3] == [pytest.approx(pair, rel=1e-5) for pair in ((10, 1), (11, 2), (12, 3))]
     assert angles[3:] == [mount] * 3
     assert "imu read 3, imu silent 3" in capsys.readouterr().out
+    with pytest.raises(ValueError, match=r"imu: rtsp://camera: what is taken now is in no log yet"):
+        predict("rtsp://camera", *settings)
     with pytest.raises(ValueError, match=r"imu: .*: pictures have no time"):
         predict(folder, *settings)
 

@@ -72,6 +72,11 @@ class TestFiles:
         (tiny / "imu.csv").write_text("time_s,pitch_deg,roll_deg,pitch_std_deg,roll_std_deg\n1,5,1,0.2,0.3\n")
         assert first(tiny) == pytest.approx([5, 1, 0.2, 0.3], rel=1e-5)
 
+    def test_imu_fills_what_the_table_leaves_open(self, tiny: Path):
+        (tiny / "frames.csv").write_text("image,time_s,pitch_deg\ntest/0006.png,1,5.5\n")
+        (tiny / "imu.csv").write_text("time_s,pitch_deg,roll_deg,pitch_std_deg,roll_std_deg\n1,5,1,0.2,0.3\n")
+        assert first(tiny) == pytest.approx([5.5, 1, first(tiny, source="mount")[2], 0.3], rel=1e-5)
+
     def test_in_a_gap_the_mount_stands_and_it_is_said(self, tiny: Path, capsys):
         (tiny / "frames.csv").write_text("image,time_s\ntest/0006.png,1.5\nval/0004.png,2\n")
         (tiny / "imu.csv").write_text("time_s,pitch_deg,roll_deg\n1,5,1\n2,6,3\n")

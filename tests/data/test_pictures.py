@@ -55,8 +55,21 @@ def test_something_else_named_jpeg_is_refused(jpeg: Path):
 
 def test_a_jpeg_with_something_behind_it_is_read(jpeg: Path):
     expected = read_picture(jpeg)
-    jpeg.write_bytes(jpeg.read_bytes() + b"camera maker's notes")
-    np.testing.assert_array_equal(read_picture(jpeg), expected)
+    data = jpeg.read_bytes()
+    for behind in (b"camera maker's notes", b"a film that holds \xff\xda, too"):
+        jpeg.write_bytes(data + behind)
+        np.testing.assert_array_equal(read_picture(jpeg), expected)
+
+
+def test_a_jpeg_whose_thumbnail_ends_is_not_whole(jpeg: Path):
+    data = jpeg.read_bytes()
+    thumbnail = b"\xff\xe1" + (2 + len(data)).to_bytes(2) + data  # within a segment, as EXIF has it
+    whole = data[:2] + thumbnail + data[2:]
+    jpeg.write_bytes(whole)
+    assert read_picture(jpeg).size > 0
+    jpeg.write_bytes(whole[: 4 + len(thumbnail) + 20])
+    with pytest.raises(ValueError, match="corrupt JPEG"):
+        read_picture(jpeg)
 
 
 def test_a_missing_picture_is_named(tmp_path: Path):

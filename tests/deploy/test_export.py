@@ -6,6 +6,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from usvnet.commands.export import export as command
 from usvnet.deploy import export
 from usvnet.deploy.deployed import INPUTS, NATIVE_INPUTS, OUTPUTS, DeployedUSVNet, camera_std
 from usvnet.deploy.exported import ExportedModel
@@ -174,6 +175,20 @@ def test_a_rounding_error_near_the_horizon_is_no_difference(field, factor, fits)
     image, camera, _ = inputs(1, 64, 64)
     found = compare_chains(lambda *_: far_boat(2000, 1000), lambda *_: got, image, camera)
     assert (found.m_at_10_m <= 0.001 and found.rest <= 1e-4) == fits
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"max_boats": -1}, "max_boats: got -1, expected 1 to 128"),
+        ({"max_boats": 500}, "max_boats: got 500, expected 1 to 128"),
+        ({"score_threshold": 50.0}, "score_threshold: got 50, expected a score from 0 to 1"),
+    ],
+)
+def test_an_option_out_of_range_is_named(untrained, tmp_path, option, message):
+    with pytest.raises(ValueError, match=message):
+        command(checkpoint=untrained, output=tmp_path / "model.ts", **option)
+    assert list(tmp_path.glob("model*")) == []
 
 
 def test_other_suffixes_are_refused(model, tmp_path):

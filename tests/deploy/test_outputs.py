@@ -194,8 +194,26 @@ def test_pictures_of_another_size_fit_into_the_video(tmp_path):
 def test_the_source_is_never_replaced(tmp_path):
     video, picture = tmp_path / "video.mp4", tmp_path / "1.jpg"
     source = FakeSource(files={video, picture})
+    for file in (video, picture):
+        file.write_bytes(b"original")
     with pytest.raises(ValueError, match=r"video\.mp4: .* would replace its original"):
         drawn(annotated_video(video, SceneDrawer("waterline"), source), [])
     with pytest.raises(ValueError, match=r"1\.jpg: .* would replace its original"):
         drawn(annotated_pictures(tmp_path, SceneDrawer("waterline"), source), [found(name="1.jpg")])
-    assert list(tmp_path.iterdir()) == []
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == {video: b"original", picture: b"original"}
+
+
+def test_a_refusal_leaves_an_earlier_run_s_results_alone(tmp_path):
+    table, video = tmp_path / "a.csv", tmp_path / "video.mp4"
+    table.write_text("of an earlier run")
+    drawer, source = SceneDrawer("waterline"), FakeSource(files={video})
+    writers = {table: lambda: boat_table(table, "waterline"), video: lambda: annotated_video(video, drawer, source)}
+    with pytest.raises(ValueError, match="would replace its original"), Outputs(writers) as outputs:
+        outputs.write(found(0, BOATS))
+    assert table.read_text() == "of an earlier run"
+    assert list(tmp_path.iterdir()) == [table]
+
+
+def test_a_name_that_is_no_utf_8_stands_as_its_bytes(tmp_path):
+    _, rows = written(tmp_path, [found(0, BOATS[:1], name="K\udcfcste.jpg")])
+    assert rows[0]["image"] == r"K\udcfcste.jpg"

@@ -63,10 +63,10 @@ def example():
     )
 
 
-@pytest.mark.parametrize("text", [ROS, OPENCV, OPENCV.replace("%YAML:1.0", "%YAML 1.2")])
+@pytest.mark.parametrize("text", [ROS, OPENCV, OPENCV.replace("%YAML:1.0", "%YAML 1.2"), "\ufeff" + OPENCV])
 def test_both_styles_load_the_same_camera(tmp_path, example, text):
     path = tmp_path / "camera.yaml"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     for got, expected in zip(load_camera(path), example):
         assert torch.equal(got, expected)
 

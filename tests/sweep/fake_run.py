@@ -1,6 +1,7 @@
 """Stands in for ``usvnet.sweep.one_run`` and takes milliseconds; its scores follow from the configuration.
 
-``FAKE_FAILS`` names the run that fails. Each start is a line in the run's ``starts.txt``.
+``FAKE_FAILS`` names the run that fails, ``FAKE_VANISHES`` the one that ends without a word. Each start is a line in the
+run's ``starts.txt``.
 """
 
 import hashlib
@@ -14,6 +15,8 @@ folder = Path(sys.argv[1])
 with (folder / "starts.txt").open("a") as starts:
     starts.write("started\n")
 write_progress(folder, Progress("training", 1, 0.5))
+if os.environ.get("FAKE_VANISHES") == folder.name:
+    sys.exit(9)
 if os.environ.get("FAKE_FAILS") == folder.name:
     print("Traceback ...\nerror: the sea is too rough\nmore")
     sys.exit(2)

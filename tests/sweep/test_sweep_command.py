@@ -99,9 +99,22 @@ def test_a_run_that_fails_is_named_and_the_others_go_on(root, tmp_path, monkeypa
         sweep(config=config, out=str(out), parallel=4)
     assert "n_2-epochs_seed-1: failed: the sea is too rough" in capsys.readouterr().out
     assert len(list(csv.DictReader((out / "runs.csv").open()))) == 3
+    with (out / "n_2-epochs_seed-1" / "log.txt").open() as log:
+        assert log.readline() == local.BEGUN
+    monkeypatch.setenv("FAKE_VANISHES", "n_2-epochs_seed-1")  # an error of before is not why it fails now
+    with pytest.raises(ValueError, match=r"n_2-epochs_seed-1: exit code 9"):
+        sweep(config=config, out=str(out))
     monkeypatch.delenv("FAKE_FAILS")
+    monkeypatch.delenv("FAKE_VANISHES")
     sweep(config=config, out=str(out))
-    assert {name for name, count in starts(out).items() if count == 2} == {"n_2-epochs_seed-1"}
+    assert {name for name, count in starts(out).items() if count == 3} == {"n_2-epochs_seed-1"}
+
+
+@pytest.mark.parametrize(("lent", "taken"), [("", "1"), ("2,3", "3")])
+def test_runs_take_turns_on_the_cards_that_the_sweep_was_lent(monkeypatch, lent, taken):
+    monkeypatch.setattr("torch.cuda.device_count", lambda: 2)
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", lent)
+    assert local.environment(4, 3)["CUDA_VISIBLE_DEVICES"] == taken
 
 
 def test_a_changed_configuration_is_refused_naming_the_key_and_a_larger_grid_is_welcome(straight, root, tmp_path):

@@ -86,7 +86,7 @@ def calibrate_mount(
 
 def write_mount(mounted: Camera, camera: str, target: Path, console: Console) -> None:
     """Write a camera file in the style of the one that the camera came from."""
-    opencv = Path(camera).read_text(encoding="utf-8").startswith("%YAML:")
+    opencv = Path(camera).read_text(encoding="utf-8-sig").startswith("%YAML:")
     style: Literal["ros", "opencv"] = "opencv" if opencv else "ros"
     save_camera(camera_to(mounted, dtype=torch.float32), target, style, name=target.stem)
     console.print(f"wrote {target}")

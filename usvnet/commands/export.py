@@ -7,6 +7,7 @@ from usvnet.deploy.export import export_model
 from usvnet.deploy.export_int8 import Int8Data, export_int8
 from usvnet.deploy.predictor import default_checkpoint
 from usvnet.deploy.sidecar import sidecar_path
+from usvnet.network.nms import MAX_CANDIDATES
 
 
 def export(
@@ -37,9 +38,13 @@ def export(
 
     Raises:
         FileNotFoundError: there is no such checkpoint, or no such dataset.
-        ValueError: it is not one of usvnet, a library is missing, the exported file does not agree with it, or ranges
-            get too much worse in int8.
+        ValueError: an option out of range, a checkpoint that is not one of usvnet, a library that is missing, a file
+            that does not agree with it when read back, or ranges that get too much worse in int8.
     """
+    if not 1 <= max_boats <= MAX_CANDIDATES:
+        raise ValueError(f"max_boats: got {max_boats}, expected 1 to {MAX_CANDIDATES}")
+    if not 0 <= score_threshold <= 1:
+        raise ValueError(f"score_threshold: got {score_threshold:g}, expected a score from 0 to 1")
     checkpoint = checkpoint or default_checkpoint()
     stamp = read_checkpoint(checkpoint)[STAMP]
     model = load_model(checkpoint)

@@ -74,8 +74,8 @@ def predict(
         hull: Hull file of the boats to expect, for the estimators hull and fused; a generic one where none is named.
         attitude: Pitch and roll from files (the imu's, else the mount's), from the horizon seen in the picture (the
             files' where none is seen), or from both combined.
-        imu: CSV with time_s, pitch_deg and roll_deg (and their _std_deg) of the camera; its time is the video's own, or
-            Unix time with a stream.
+        imu: CSV with time_s, pitch_deg and roll_deg (and their _std_deg) of the camera; its time is the video's own,
+            from its start.
         imu_offset_s: Time of the imu less that of the frame at the same moment.
         output: Folder of the results.
         estimator: The range to draw and to count; the best there is where none is named.
@@ -115,6 +115,10 @@ def predict(
     with decoder_talk() as talk:
         # files are looked at before the network gets ready, which takes seconds; a stream's frames would grow old
         files = None if is_stream(source) else open_source(source, console.print, every, fps)
+        if imu is not None and files is None:
+            raise ValueError(
+                f"imu: {source}: what is taken now is in no log yet, expected a video, or pictures with fps"
+            )
         for name, wanted in (("imu", imu is not None), ("track", track)):
             if wanted and isinstance(files, Photographs) and fps is None:
                 raise ValueError(f"{name}: {source}: pictures have no time, expected their fps, a video or a stream")
@@ -142,6 +146,7 @@ def predict(
             "imu_offset_s": imu_offset_s,
             "image_size": predictor.image_size,
             "confidence": confidence,
+            "intervals": {name: list(found) for name, found in predictor.factors.items()},
             "estimator": estimator,
             "tracking": asdict(tracking) if track else None,
         }

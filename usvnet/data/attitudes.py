@@ -70,10 +70,10 @@ def fill_from_imu(root: Path, notes: dict[str, FrameNotes], config: AttitudeConf
             lost += 1
             continue
         (pitch, roll), stds = reading
-        if note.pitch_deg is None and note.roll_deg is None:
-            note.pitch_deg, note.roll_deg = pitch, roll
-            if stds is not None:
-                note.pitch_std_deg, note.roll_std_deg = stds
+        if note.pitch_deg is None:
+            note.pitch_deg, note.pitch_std_deg = pitch, note.pitch_std_deg if stds is None else stds[0]
+        if note.roll_deg is None:
+            note.roll_deg, note.roll_std_deg = roll, note.roll_std_deg if stds is None else stds[1]
     if lost:
         print(
             f"{path}: {lost} of {len(timed)} pictures lie outside it or in a gap of more than {config.max_gap_s:g} s; "

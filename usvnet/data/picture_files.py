@@ -1,5 +1,7 @@
 """Which files a person means by a picture's name, a folder, a pattern or a video's name."""
 
+import re
+from contextlib import suppress
 from glob import glob
 from pathlib import Path, PurePath
 from typing import NamedTuple
@@ -17,7 +19,7 @@ class PictureFiles(NamedTuple):
     """Photographs, or one video."""
 
     paths: tuple[Path, ...]
-    """Sorted; at least one."""
+    """Sorted, numbers by their size; at least one."""
     is_video: bool
 
 
@@ -44,7 +46,9 @@ def find_picture_files(source: str) -> PictureFiles:
         FileNotFoundError: nothing there.
         ValueError: a video among several files, or what is neither a picture nor a video.
     """
-    path = Path(source).expanduser()
+    path = Path(source)
+    with suppress(RuntimeError):  # ~ may begin a name
+        path = path.expanduser()
     if path.is_dir():
         files = [file for file in path.iterdir() if is_picture_name(file)]
     elif path.is_file():
@@ -65,7 +69,12 @@ def find_picture_files(source: str) -> PictureFiles:
         raise ValueError(
             f"{source!r} matches {len(files)} files, {videos[0]} among them: give one video or only photos"
         )
-    return PictureFiles(tuple(sorted(files)), bool(videos))
+    return PictureFiles(tuple(sorted(files, key=_counting)), bool(videos))
+
+
+def _counting(path: Path) -> list[str | int]:
+    """Sorts 2.jpg before 10.jpg, as the frames of a video are numbered."""
+    return [int(part) if number % 2 else part for number, part in enumerate(re.split("([0-9]+)", str(path)))]
 
 
 def _is_picture(path: Path) -> bool:

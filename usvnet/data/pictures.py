@@ -4,6 +4,7 @@ Every photograph, of a chessboard or of boats, is read here, and so stands uprig
 says: that is how labelling tools and viewers show it. OpenCV turns videos in the same way.
 """
 
+import re
 from pathlib import Path
 
 import cv2
@@ -37,7 +38,7 @@ def _decode(path: Path, flags: int) -> NDArray[np.uint8]:
         raise FileNotFoundError(f"{path}: no such picture")
     data = path.read_bytes()
     # older versions of OpenCV fill the missing part of a JPEG that was cut short with grey and say nothing
-    if data[:2] == b"\xff\xd8" and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
+    if data[:2] == b"\xff\xd8" and not _jpeg_ends(data):
         raise ValueError(f"{path}: corrupt JPEG, it ends before its end-of-image marker ({len(data)} bytes)")
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
@@ -46,6 +47,21 @@ def _decode(path: Path, flags: int) -> NDArray[np.uint8]:
     if picture is None:
         raise ValueError(f"{path}: corrupt picture, OpenCV cannot decode its {len(data)} bytes")
     return picture.astype(np.uint8, copy=False)
+
+
+def _jpeg_ends(data: bytes) -> bool:
+    """Whether a JPEG reaches its end-of-image marker; telephones append films to photographs, so it is not the last."""
+    place = 2
+    while marker := _MARKER.search(data, place):
+        code = marker.group()[1]
+        if code == 0xD9:
+            return True
+        place = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2])  # over its segment
+    return False
+
+
+_MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]")
+"""One that begins a segment, or ends the picture: not those that stand alone, nor what the coded pixels escape."""
 
 
 class PictureCache:

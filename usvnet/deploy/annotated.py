@@ -27,14 +27,15 @@ def annotated_pictures(folder: Path, drawer: SceneDrawer, source: Source) -> Ite
     """Write each frame under its own name; frames of a video as ``frame 000123.jpg``.
 
     Raises:
-        ValueError: on writing, where that would replace a picture of the source.
+        ValueError: the folder holds pictures of the source.
     """
+    for path in folder.rglob("*") if folder.is_dir() else ():
+        if path.suffix.lower() in SUFFIXES and source.holds(path):
+            raise ValueError(f"{path}: an annotated picture would replace its original, choose another output folder")
 
     def write(found: FrameBoats) -> None:
         name = found.frame.name
         path = folder / (name if Path(name).suffix.lower() in SUFFIXES else f"{name}.jpg")
-        if source.holds(path):
-            raise ValueError(f"{path}: an annotated picture would replace its original, choose another output folder")
         drawn = _drawn(drawer, source, found)
         with atomic_write(path) as temporary:
             if not cv2.imwrite(str(temporary), drawn, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]):

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
@@ -66,7 +66,9 @@ class Outputs:
             OSError: a disk that is full, or a folder that cannot be written to.
         """
         if not self._writes:
-            self._writes = [self._opened.enter_context(writer()) for writer in self.writers.values()]
+            with ExitStack() as opening:  # what is open when another one refuses must not replace an earlier result
+                self._writes = [opening.enter_context(writer()) for writer in self.writers.values()]
+                self._opened = opening.pop_all()
         for write in self._writes:
             write(found)
 
@@ -155,10 +157,15 @@ def table_rows(found: FrameBoats, estimator: str) -> Iterator[list[Any]]:
 @contextmanager
 def boat_table(path: Path, estimator: str, tracked: bool = False) -> Iterator[Write]:
     """Write a CSV with a row for each boat: the ranges of the chosen estimator, those of all, and its track."""
-    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+    with atomic_write(path) as temporary, open_table(temporary) as file:
         table = csv.writer(file)
         table.writerow(table_header(tracked))
         yield lambda found: table.writerows(table_rows(found, estimator))
+
+
+def open_table(path: Path) -> TextIO:
+    """A file for a CSV writer, in which a picture's name that is no UTF-8 stands as its bytes."""
+    return path.open("w", encoding="utf-8", errors="backslashreplace", newline="")
 
 
 def _seconds(frame: Frame) -> float | None:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from usvnet.deploy.outputs import FrameBoats, Write
+from usvnet.deploy.outputs import FrameBoats, Write, open_table
 from usvnet.deploy.track_fields import FIELDS, track_fields
 from usvnet.files import atomic_write
 
@@ -17,7 +17,7 @@ def track_table(path: Path) -> Iterator[Write]:
 
     ``boat`` is the boat's place in the frame, as in the table of boats; empty where it is not seen.
     """
-    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+    with atomic_write(path) as temporary, open_table(temporary) as file:
         table = csv.writer(file)
         table.writerow(["image", "frame", "time_s", "boat", *FIELDS])
 

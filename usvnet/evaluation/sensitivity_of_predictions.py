@@ -37,6 +37,7 @@ def predictions_errors(path: Path, data: Path, split: str, settings: Sensitivity
     if not found:
         raise ValueError(f"{path}: none of its boats has a laser reading in the {split} split of {data}")
     cases = native_cases([(boat, frame) for boat, frame, _ in found])
+    cases = cases.with_noise(0.0, meta.get("size_std", 0.0))  # the covariances were predicted with their share already
     reading_m = torch.tensor([range_m for *_, range_m in found], dtype=torch.float64)
     return set_errors(
         cases,

@@ -38,7 +38,7 @@ def read_mapping(path: Path) -> Mapping:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        text = re.sub(r"\A%YAML:\S*", "", path.read_text(encoding="utf-8"))  # "%YAML:1.0" is no YAML directive
+        text = re.sub(r"\A%YAML:\S*", "", path.read_text(encoding="utf-8-sig"))  # "%YAML:1.0" is no YAML directive
         content = yaml.load(text, Loader=_Loader)
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: expected a text file in UTF-8") from error

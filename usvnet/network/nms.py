@@ -5,6 +5,9 @@ from torch import Tensor
 
 from usvnet.types import Detections, NetworkOutput
 
+MAX_CANDIDATES = 128
+"""Boxes of a picture that may become boats."""
+
 
 def pairwise_iou(boxes_px: Tensor) -> Tensor:
     """Intersection over union of every pair. (B, M, 4) -> (B, M, M)."""
@@ -54,7 +57,11 @@ def _settle_exported(better_overlaps: Tensor) -> Tensor:
 
 
 def select_boats(
-    output: NetworkOutput, max_boats: int, score_threshold: float, iou_threshold: float, max_candidates: int = 128
+    output: NetworkOutput,
+    max_boats: int,
+    score_threshold: float,
+    iou_threshold: float,
+    max_candidates: int = MAX_CANDIDATES,
 ) -> Detections:
     """The best boats of each picture, best first, padded with zeros to ``max_boats``.
 

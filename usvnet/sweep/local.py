@@ -16,6 +16,8 @@ from usvnet.sweep.plan import Run
 from usvnet.sweep.progress import LOG
 
 POLL_S = 0.2
+BEGUN = "--- run begun ---\n"
+"""Stands in the log before what each attempt says."""
 COMMAND = ("-m", "usvnet.sweep.one_run")
 """What Python is started with for a run; its folder comes after."""
 
@@ -73,6 +75,8 @@ def run_alone(folder: Path, command: tuple[str, ...]) -> Iterator[subprocess.Pop
 def start_run(folder: Path, variables: dict[str, str], command: tuple[str, ...]) -> subprocess.Popen[bytes]:
     """Start a run that is deaf to Ctrl-C, which is the sweep's to hear, and that ends when the sweep does."""
     with (folder / LOG).open("ab") as log:
+        log.write(BEGUN.encode())
+        log.flush()
         return subprocess.Popen(
             [sys.executable, *command, str(folder)],
             stdin=subprocess.PIPE,
@@ -96,7 +100,7 @@ def failure(folder: Path, process: subprocess.Popen[bytes]) -> str:
     code = process.wait()
     if code == 0:
         return ""
-    lines = (folder / LOG).read_text(encoding="utf-8", errors="replace").split("\n")
+    lines = (folder / LOG).read_text(encoding="utf-8", errors="replace").rpartition(BEGUN)[2].split("\n")
     said = [line for line in lines if line.strip()]
     named = [line for line in said if line.startswith("error: ")]
     return (named or said or [f"exit code {code}"])[-1].removeprefix("error: ").strip()
@@ -108,6 +112,8 @@ def environment(parallel: int, slot: int) -> dict[str, str]:
     if parallel > 1:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         variables["OMP_NUM_THREADS"] = str(max(cores // parallel, 1))
-        if torch.cuda.device_count() > 1:
-            variables["CUDA_VISIBLE_DEVICES"] = str(slot % torch.cuda.device_count())
+        count = torch.cuda.device_count()
+        if count > 1:
+            lent = [card for card in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if card]
+            variables["CUDA_VISIBLE_DEVICES"] = lent[slot % len(lent)] if lent else str(slot % count)
     return variables

@@ -46,6 +46,16 @@ def test_pycocotools_reads_it(written: Path, capsys):
     assert len(coco.anns[1]["keypoints"]) == 21
 
 
+def test_a_picture_without_pixels_is_named_and_its_boats_with_it(written: Path):
+    content = json.loads(written.read_text())
+    content["images"][1]["width"] = 0
+    written.write_text(json.dumps(content))
+    faults = Faults(collect=True)
+    assert list(read_coco(written, faults)) == ["train/0000.png", "train/0002.png"]
+    assert "images[1]" in faults.sentences[0]
+    assert "image_id is 2, expected the id of one of 'images'" in faults.sentences[1]
+
+
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [

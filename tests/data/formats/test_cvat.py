@@ -19,6 +19,15 @@ def read(source: Path, faults: Faults | None = None):
         return read_cvat(folder, faults)
 
 
+def test_a_zip_that_a_mac_has_packed_again_is_read(cvat: Path, tmp_path: Path):
+    packed = tmp_path / "packed"
+    shutil.copytree(cvat, packed / "export")
+    for file in ("__MACOSX/._export", ".DS_Store"):
+        (packed / file).parent.mkdir(exist_ok=True)
+        (packed / file).write_bytes(b"")
+    assert len(read(Path(shutil.make_archive(str(packed), "zip", packed)))[0]) == 3
+
+
 @pytest.mark.parametrize("packed", [False, True])
 def test_pictures_splits_and_boats(cvat: Path, packed: bool):
     source = Path(shutil.make_archive(str(cvat), "zip", cvat)) if packed else cvat

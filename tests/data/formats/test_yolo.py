@@ -33,6 +33,11 @@ def test_reading_gives_back_what_was_written(make_frame, tmp_path: Path, boats: 
         np.testing.assert_allclose(got, expected, atol=1e-6)
 
 
+def test_a_mark_at_the_beginning_is_no_part_of_a_line(tmp_path: Path):
+    (tmp_path / "1.txt").write_text(GOOD, encoding="utf-8-sig")  # as Windows writes it
+    assert len(read_label(tmp_path / "1.txt", (640, 640), Faults()).boxes_px) == 1
+
+
 def test_no_file_is_a_picture_without_boats(tmp_path: Path):
     assert len(read_label(tmp_path / "none.txt", (10, 10), Faults()).boxes_px) == 0
 

@@ -55,7 +55,7 @@ def unpacked(path: Path, faults: Faults) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="usvnet-") as name:
         folder = Path(name)
         _unpack(path, folder)
-        children = list(folder.iterdir())
+        children = [child for child in folder.iterdir() if child.name != "__MACOSX" and child.name[0] != "."]
         root = children[0] if len(children) == 1 and children[0].is_dir() else folder
         try:
             yield root

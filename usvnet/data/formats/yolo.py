@@ -91,7 +91,7 @@ def read_label(path: Path, size_px: tuple[int, int], faults: Faults) -> Labels:
     """
     boats: list[Labels] = []
     if path.is_file():
-        for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+        for number, line in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1):
             if line.strip():
                 with faults.catch():
                     try:
