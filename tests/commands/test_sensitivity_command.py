@@ -70,9 +70,11 @@ def boat_of(frame, ranges):
     )
 
 
-def test_predictions_are_ranged_anew_without_a_network(config, tmp_path, root, capsys):
+@pytest.mark.parametrize("size_std", [0.0, 0.05])
+def test_predictions_are_ranged_anew_without_a_network(config, tmp_path, root, capsys, size_std):
     frames = read_dataset(root / "data" / "sample", "test")
-    found = range_cases(native_cases([(boat_of(frame, {}), frame) for frame in frames]), RangingLayer())
+    cases = native_cases([(boat_of(frame, {}), frame) for frame in frames]).with_noise(0.0, size_std)
+    found = range_cases(cases, RangingLayer())
     boats = [
         boat_of(
             frame,
@@ -84,7 +86,7 @@ def test_predictions_are_ranged_anew_without_a_network(config, tmp_path, root, c
         for n, frame in enumerate(frames)
     ]
     path = tmp_path / "predictions.jsonl"
-    meta = {"curved_water": False, "frames_sha256": frames_sha256(frames)}
+    meta = {"curved_water": False, "frames_sha256": frames_sha256(frames), "size_std": size_std}
     write_predictions(path, meta, [PicturePrediction(f.name, [boat]) for f, boat in zip(frames, boats)])
     scores = score_range([[boat] for boat in boats], [frame_truths(frame) for frame in frames])
     arguments = ["sensitivity", "--config", str(config), "--predictions", str(path), "--output", str(tmp_path / "out")]
