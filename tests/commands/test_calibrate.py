@@ -1,10 +1,12 @@
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
 from chessboards import poses, render
 from turned_jpegs import write_turned
 
-from usvnet.commands.calibrate import calibrate
+from usvnet.commands.calibrate import calibrate, choose_detector
 from usvnet.geometry.camera_files import load_camera
 
 POSES = poses(6, seed=2, tilt_rad=0.6)
@@ -130,9 +132,26 @@ def test_bad_input_is_one_clear_sentence(photos, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_parallel_boards_are_no_calibration_whatever_their_sigma_claims():
+    def result(tilt_deg, std_px):
+        angles = np.radians([0, tilt_deg])
+        rotation = np.array([cv2.Rodrigues(np.array([angle, 0, 0]))[0] for angle in angles])
+        return SimpleNamespace(rotation=rotation, focal_std_px=std_px, focal_px=700.0)
+
+    assert choose_detector({"classic": result(1.5, 0.2), "sb": result(40, 0.9)}) == "sb"
+    assert choose_detector({"classic": result(30, 0.2), "sb": result(40, 0.9)}) == "classic"
+
+
+def test_boards_held_parallel_are_refused(tmp_path, monkeypatch, photos):
+    monkeypatch.setattr("usvnet.commands.calibrate.tilt_spread_deg", lambda _: 1.0)
+    with pytest.raises(ValueError, match=r"parallel to one another within 1\.0 degrees, which tells no focal length"):
+        run(photos, tmp_path)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_broken_file_is_named(photos, tmp_path):
     (photos / "board9.jpg").write_bytes(b"\xff\xd8\xff\xe0 not a photograph")
-    with pytest.raises(ValueError, match=r"board9.jpg: corrupt picture"):
+    with pytest.raises(ValueError, match=r"board9.jpg: corrupt JPEG"):
         run(photos / "board*", tmp_path)
     (tmp_path / "film.mp4").write_bytes(b"not a film")
     with pytest.raises(ValueError, match=r"film.mp4: not a video that can be read"):

@@ -111,5 +111,8 @@ def test_half_a_question_is_answered_in_one_sentence(config, tmp_path):
     with pytest.raises(ValueError, match="--predictions and --data are only of use together"):
         cli.run(["sensitivity", "--config", str(config), "--data", str(tmp_path)])
     config.write_text("disturbances: {}")
+    with pytest.raises(ValueError, match="disturbances: expected at least one of focal_px"):
+        cli.run(["sensitivity", "--config", str(config)])
+    config.write_text("disturbances: {focal_px: [1]}")
     with pytest.raises(ValueError, match="camera is missing"):
         cli.run(["sensitivity", "--config", str(config)])

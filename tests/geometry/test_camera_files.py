@@ -71,6 +71,12 @@ def test_both_styles_load_the_same_camera(tmp_path, example, text):
         assert torch.equal(got, expected)
 
 
+def test_a_fisheye_of_opencv_is_not_taken_for_another_lens(tmp_path):
+    (tmp_path / "camera.yaml").write_text(OPENCV + "fisheye_model: 1\n")
+    with pytest.raises(ValueError, match=r"camera\.yaml: fisheye_model: expected a lens of plumb_bob"):
+        load_camera(tmp_path / "camera.yaml")
+
+
 @pytest.mark.parametrize("style", ["ros", "opencv"])
 def test_written_files_load_back_identically(tmp_path, camera, style):
     torch.manual_seed(0)

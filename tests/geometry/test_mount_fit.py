@@ -21,8 +21,8 @@ PIXELS = [(60, 460), (560, 440), (320, 330), (90, 280), (600, 300), (330, 240)]
 
 @pytest.fixture
 def camera(camera: Camera) -> Camera:
-    """The shared one, on calm water."""
-    return camera._replace(wave_std_m=0 * camera.wave_std_m)
+    """The shared one with a lens that is known exactly, on calm water."""
+    return camera._replace(wave_std_m=0 * camera.wave_std_m, focal_std_px=0 * camera.focal_std_px)
 
 
 @pytest.fixture
@@ -142,6 +142,37 @@ def test_what_is_held_keeps_its_value_and_its_sigma_counts(camera, true):
     torch.testing.assert_close(fit.camera.pitch_std_rad, expected, rtol=0.02, atol=0)
 
 
+def test_a_focal_length_that_is_not_known_exactly_counts(camera, true):
+    certain = fit_mount(ranged(true), camera, priors=False)
+    doubted = fit_mount(ranged(true), camera._replace(focal_std_px=camera.focal_std_px + 10.0), priors=False)
+    wrong = camera._replace(K=camera.K.clone())
+    wrong.K[:, [0, 1], [0, 1]] *= 1 + 10.0 / camera.K[:, 1, 1]
+    shifted = fit_mount(ranged(true), wrong, priors=False)
+    for name in ("height", "pitch"):
+        moved = getattr(shifted.camera, f"{name}_{'m' if name == 'height' else 'rad'}")
+        moved = moved - getattr(certain.camera, f"{name}_{'m' if name == 'height' else 'rad'}")
+        std = f"{name}_std_{'m' if name == 'height' else 'rad'}"
+        assert moved.abs() > getattr(certain.camera, std) / 2
+        expected = torch.hypot(getattr(certain.camera, std), moved)
+        torch.testing.assert_close(getattr(doubted.camera, std), expected, rtol=0.05, atol=0)
+
+
+@pytest.mark.parametrize("guess_m", [0.3, 5.0])
+def test_a_height_that_was_guessed_badly_is_found(camera, true, guess_m):
+    readings = [reading for reading in ranged(true) if reading.range_m > guess_m / 2]
+    fit = fit_mount(readings, camera._replace(height_m=torch.full_like(camera.height_m, guess_m)), priors=False)
+    assert mount(fit.camera) == pytest.approx([TRUE_HEIGHT_M, TRUE_PITCH_DEG, TRUE_ROLL_DEG], abs=2e-4)
+
+
+def test_a_slip_of_the_pen_is_no_mount(camera, true):
+    readings = ranged(true)
+    slipped = [*readings[:3], readings[3]._replace(range_m=readings[3].range_m / 10), *readings[4:]]
+    assert slipped[3].range_m < TRUE_HEIGHT_M
+    known = camera._replace(height_m=true.height_m, height_std_m=0 * camera.height_std_m + 0.02)
+    with pytest.raises(ValueError, match=r"line 5: range_m is 0\.9.*, expected more than 1\.56: the camera is 1\.62 m"):
+        fit_mount(slipped, known)
+
+
 def test_readings_worse_than_they_claim_inflate_the_sigmas(camera, true):
     readings = ranged(true, torch.Generator().manual_seed(1))
     boast = [reading._replace(pixel_std_px=0.1, range_std_m=0.003) for reading in readings]  # a tenth
@@ -179,5 +210,5 @@ def test_pixels_and_ranges_that_cannot_be_are_named(camera, true):
     good = ranged(true)
     with pytest.raises(ValueError, match=r"line 9: pixel \(700, 100\) is outside the camera's 640 x 480 picture"):
         fit_mount([*good, MountReading(9, "", "horizon", 700, 100)], camera)
-    with pytest.raises(ValueError, match=r"line 9: range_m is 0.5, less than half the camera's height"):
+    with pytest.raises(ValueError, match=r"line 9: range_m is 0.5, expected more than .* the camera is"):
         fit_mount([*good, MountReading(9, "", "range", 300, 400, 0.5)], camera)

@@ -135,7 +135,11 @@ def test_leftovers_of_a_killed_run_are_removed_and_nothing_else(lone, tmp_path):
     for name in (".000003.a1b2c3_d.jpg", "frames/train/.000003.abcdefgh.json", ".gitignore", ".notes.txt"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x")
-    assert remove_leftovers(tmp_path) == 2
+    orphan = tmp_path / "images" / "train" / "000007.jpg"  # the run was killed before its truth was written
+    orphan.parent.mkdir(parents=True, exist_ok=True)
+    orphan.write_bytes(b"x")
+    assert remove_leftovers(tmp_path) == 3
+    assert not orphan.exists()
     assert sorted(path.name for path in tmp_path.rglob(".*")) == [".gitignore", ".notes.txt"]
     assert whole_pictures(tmp_path) == [lone.spec.name]
 

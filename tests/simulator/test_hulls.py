@@ -234,6 +234,9 @@ def test_a_file_keeps_its_colours(tmp_path, form):
         ("a.stl", obj_text().encode(), ""),
         ("a.ply", ply_bytes("ascii").replace(b"ascii", b"binary_big_endian"), r"2"),
         ("a.ply", ply_bytes("ascii").replace(b"4 0 1 3 2", b"4 0 1 3"), r"19"),
+        ("a.ply", ply_bytes("ascii").replace(b"4 0 1 3 2", b"nan 0 1 3 2"), r"19"),
+        ("a.ply", ply_bytes("ascii").replace(b"4 0 1 3 2", b"4 0 1 3.5 2"), r"19"),
+        ("a.ply", ply_bytes("ascii").replace(b"property float x", b"property list uchar float x"), ""),
         ("a.ply", ply_bytes("ascii").replace(b"end_header", b"the end"), ""),
         ("a.ply", ply_bytes("binary_little_endian")[:-3], ""),
         ("a.ply", b"solid", r"1"),
@@ -256,3 +259,15 @@ def test_a_missing_file_and_a_boat_on_land_are_refused(tmp_path):
     sunk = (*SQUARE_KEYPOINTS[:3], (1.0, 0.0, 0.1), *SQUARE_KEYPOINTS[4:])
     with pytest.raises(ValueError, match="bow_bottom"):
         own_boat(tmp_path / "b.obj", obj_text().encode(), sunk)
+
+
+@pytest.mark.parametrize(
+    "moved", [lambda xyz: 1000 * xyz, lambda xyz: xyz[:, [0, 2, 1]] * [1, 1, -1], lambda xyz: xyz[:, [1, 0, 2]]]
+)
+def test_a_mesh_in_other_units_or_axes_than_its_keypoints_is_refused(tmp_path, moved):
+    rows = iter(moved(SQUARE_BOAT).tolist())
+    lines = [
+        " ".join(map(str, ["v", *next(rows)])) if line.startswith("v ") else line for line in obj_text().splitlines()
+    ]
+    with pytest.raises(ValueError, match=r"a\.obj: the mesh spans x .* does not fit its keypoints, 2 m long"):
+        own_boat(tmp_path / "a.obj", "\n".join(lines).encode())

@@ -1,6 +1,7 @@
 """``usvnet calibrate``: photographs or a video of a chessboard in, ``camera.yaml`` and a coverage picture out."""
 
 import math
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -19,7 +20,7 @@ from usvnet.geometry.calibration import (
     board_points,
     calibrate_robustly,
 )
-from usvnet.geometry.calibration_quality import cautions
+from usvnet.geometry.calibration_quality import LEAST_TILT_DEG, WEAK_TILT_DEG, cautions, tilt_spread_deg
 from usvnet.geometry.camera import make_camera
 from usvnet.geometry.camera_files import save_camera
 from usvnet.geometry.chessboard import (
@@ -117,8 +118,13 @@ def calibrate(
         for name, views in findings.views.items()
         if len(views) >= MIN_VIEWS
     }
-    chosen = min(results, key=lambda name: results[name].focal_std_px)
+    chosen = choose_detector(results)
     result = results[chosen]
+    if (spread := tilt_spread_deg(result)) < LEAST_TILT_DEG:
+        raise ValueError(
+            f"the boards are parallel to one another within {spread:.1f} degrees, which tells no focal length: "
+            f"expected at least {LEAST_TILT_DEG:g}, better 30 to 45, tilted in different directions"
+        )
     if (found := len(findings.views[chosen])) > max_views:
         console.print(f"used {max_views} of {found} views, evenly spaced (max_views)")
     _tell_result(console, result)
@@ -131,6 +137,17 @@ def calibrate(
     with atomic_write(picture) as temporary:
         draw_coverage(result, temporary)
     console.print(f"wrote {target} and {picture}")
+
+
+def choose_detector(results: Mapping[str, CalibrationResult]) -> str:
+    """The detector whose views tell the focal length best: where boards are parallel, its sigma means nothing."""
+    return min(
+        results,
+        key=lambda name: (
+            tilt_spread_deg(results[name]) < WEAK_TILT_DEG,
+            results[name].focal_std_px / results[name].focal_px,
+        ),
+    )
 
 
 def _thin(views: list[View], max_views: int) -> list[View]:

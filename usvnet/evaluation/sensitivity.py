@@ -100,8 +100,14 @@ class Study:
         self.generator = torch.Generator().manual_seed(settings.seed)
 
     def budget(self) -> list[Cost]:
-        """What each thing that is not known exactly costs, and all of them together."""
+        """What each thing that is not known exactly costs, and all of them together.
+
+        Raises:
+            ValueError: everything is known exactly.
+        """
         known = {name: std for name, std in self.stds.items() if std > 0}
+        if not known:
+            raise ValueError("keypoint_std_px and all standard deviations of the camera are 0: no error to budget")
         costs = []
         for name, std in _watched(known.items(), "Error budget"):
             costs += self._random(name, std, {name: std})

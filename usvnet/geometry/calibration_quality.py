@@ -30,6 +30,12 @@ def coverage(result: CalibrationResult) -> float:
     return float(mask.mean())
 
 
+WEAK_TILT_DEG = 20.0
+"""Boards that differ by less leave the focal length rather free."""
+LEAST_TILT_DEG = 10.0
+"""Boards that differ by less say nothing of it, whatever its sigma claims."""
+
+
 def tilt_spread_deg(result: CalibrationResult) -> float:
     """Largest angle between the boards of any two views.
 
@@ -56,7 +62,7 @@ def cautions(result: CalibrationResult) -> list[str]:
     sentences = []
     if len(result.views) < 8:
         sentences.append(f"only {len(result.views)} views: ten or more make the sigmas themselves trustworthy")
-    if (spread := tilt_spread_deg(result)) < 20:
+    if (spread := tilt_spread_deg(result)) < WEAK_TILT_DEG:
         sentences.append(
             f"the boards are nearly parallel to one another (within {spread:.0f} deg), which leaves the focal length "
             "free: tilt the board by 30 to 45 deg in different directions"

@@ -51,6 +51,8 @@ def load_camera(path: Path | str) -> Camera:
     model = content.get("distortion_model", LENS_MODELS[0])
     if model not in LENS_MODELS:
         raise ValueError(f"{path}: distortion_model: expected {' or '.join(LENS_MODELS)}, got {short(model)}")
+    if content.get("fisheye_model"):  # OpenCV's calibration program names its other lens so
+        raise ValueError(f"{path}: fisheye_model: expected a lens of {' or '.join(LENS_MODELS)}, got a fisheye")
     numbers = _matrix(content, "camera_matrix", path)
     if len(numbers) != 9:
         raise ValueError(f"{path}: camera_matrix: expected 9 numbers, got {len(numbers)}")

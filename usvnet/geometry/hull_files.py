@@ -15,6 +15,7 @@ be left out (then 0).
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from usvnet.files import atomic_write
 from usvnet.geometry.yaml_files import (
@@ -28,6 +29,10 @@ from usvnet.geometry.yaml_files import (
 )
 from usvnet.types import KEYPOINT_NAMES, NUM_KEYPOINTS, Hull
 
+LENGTHS_M = (0.1, 200.0)
+"""Shorter is in other units, and longer, too."""
+OFF_WATER = 0.02
+"""How far from the resting waterline its two points may lie, as a share of the length."""
 KEYS = ("keypoints", "scale_std", "point_std_m")
 
 
@@ -51,7 +56,26 @@ def load_hull(path: Path | str) -> Hull:
             raise ValueError(f"{where}: {name}: expected x, y and z, got {len(row)} numbers")
         rows.append(row)
     scale_std, point_std_m = (torch.tensor([read_std(content, key, f"{path}")]) for key in KEYS[1:])
+    _check_shape(torch.tensor(rows, dtype=torch.float64), where)
     return Hull(torch.tensor([rows]), scale_std, point_std_m)
+
+
+def _check_shape(points_m: Tensor, where: str) -> None:
+    """Insist on a boat in the hull frame: a z that is measured from the keel would make every range wrong."""
+    bow, left, right, stem, aft_left, aft_right, aft = points_m
+    length_m = float(bow[0] - aft[0])
+    if not LENGTHS_M[0] <= length_m <= LENGTHS_M[1]:
+        raise ValueError(
+            f"{where}: bow lies {length_m:g} m ahead of stern_bottom, expected {LENGTHS_M[0]:g} to {LENGTHS_M[1]:g} m: "
+            "x points forward, in metres"
+        )
+    if left[1] <= right[1] or aft_left[1] <= aft_right[1]:
+        raise ValueError(f"{where}: expected greater y of bow_left and stern_left than of the right ones")
+    if stem[0] <= aft[0]:
+        raise ValueError(f"{where}: expected bow_bottom at greater x than stern_bottom")
+    for name, point in (("bow_bottom", stem), ("stern_bottom", aft)):
+        if abs(float(point[2])) > OFF_WATER * length_m:
+            raise ValueError(f"{where}: {name}: z is {point[2]:g}, expected 0, on the resting waterline")
 
 
 def save_hull(hull: Hull, path: Path | str) -> None:

@@ -78,9 +78,12 @@ def fit_mount(
     if not bool(free[:HEADING].any()):
         raise ValueError("height, pitch and roll are all held fixed, expected at least one to find")
     sights, wave_std_m = _look(readings, camera), camera.wave_std_m.item()
-    _check_pixels(readings, sights, camera)
+    guessed = bool(free[0] & ~known[0])
+    _check_pixels(readings, sights, camera, math.inf if guessed else float(stds[0]))
 
     state = start.clone()
+    if guessed:  # no camera is higher than what it ranges is far, and there the slopes say nothing
+        state[0] = min([float(state[0]), *(0.95 * reading.range_m for reading in readings if reading.kind == "range")])
     if has_points:
         state[HEADING] = _heading(state, readings, sights)
     for _ in range(MAX_STEPS):
@@ -94,6 +97,11 @@ def fit_mount(
         state = state + step
         if bool((step.abs() < TOLERANCE).all()):
             break
+    else:
+        raise ValueError(
+            f"no mount was found in {MAX_STEPS} steps from a height of {float(start[0]):g} m: a reading or the "
+            "camera file's mount may be wrong by far"
+        )
 
     misses, J = _linearise(state, readings, sights, wave_std_m)
     information = J.T @ J + torch.diag(prior)
@@ -104,7 +112,9 @@ def fit_mount(
     probability = _probability(chi_squared, freedom)
     inflation = math.sqrt(chi_squared / freedom) if probability < CHANCE else 1.0
     covariance = torch.diag(stds**2)
-    covariance[free.nonzero(), free.nonzero().T] = inverse * inflation**2 + gain @ torch.diag(stds[~free] ** 2) @ gain.T
+    by_focal = inverse @ _pull_of_focal(state, readings, camera, wave_std_m, prior * (state - start))[free]
+    held = gain @ torch.diag(stds[~free] ** 2) @ gain.T + torch.outer(by_focal, by_focal)
+    covariance[free.nonzero(), free.nonzero().T] = inverse * inflation**2 + held
     new_stds = covariance.diagonal().sqrt()
     both = bool(free[:2].all())
     mounted = camera._replace(
@@ -126,6 +136,16 @@ def fit_mount(
         inflation=inflation,
         correlation=float(covariance[0, 1] / (new_stds[0] * new_stds[1])) if both else 0.0,
     )
+
+
+def _pull_of_focal(
+    state: Tensor, readings: Sequence[MountReading], camera: Camera, wave_std_m: float, pull: Tensor
+) -> Tensor:
+    """How a focal length wrong by its standard deviation pulls at a fitted state (4,), where ``pull`` held it."""
+    wrong = camera._replace(K=camera.K.clone())
+    wrong.K[:, [0, 1], [0, 1]] *= 1 + camera.focal_std_px / camera.K[:, 1, 1]
+    misses, J = _linearise(state, readings, _look(readings, wrong), wave_std_m)
+    return J.T @ misses + pull
 
 
 class _Sights(NamedTuple):
@@ -232,7 +252,9 @@ def _heading(state: Tensor, readings: Sequence[MountReading], sights: _Sights) -
     return math.atan2(readings[first].right_m, readings[first].forward_m) - math.atan2(direction[0], direction[2])
 
 
-def _check_pixels(readings: Sequence[MountReading], sights: _Sights, camera: Camera) -> None:
+def _check_pixels(readings: Sequence[MountReading], sights: _Sights, camera: Camera, height_std_m: float) -> None:
+    height_m = camera.height_m.item()
+    least_m = max(height_m / 2 if math.isinf(height_std_m) else height_m - 3 * height_std_m, 0)
     width, height = camera.size_px[0].tolist()
     for reading, has_ray in zip(readings, sights.valid.tolist()):
         if not (-0.5 <= reading.u_px <= width - 0.5 and -0.5 <= reading.v_px <= height - 0.5) or not has_ray:
@@ -240,10 +262,10 @@ def _check_pixels(readings: Sequence[MountReading], sights: _Sights, camera: Cam
                 f"line {reading.line}: pixel ({reading.u_px:g}, {reading.v_px:g}) is outside the camera's "
                 f"{width:g} x {height:g} picture, or its lens has no ray for it"
             )
-        if reading.kind == "range" and reading.range_m <= camera.height_m.item() / 2:
+        if reading.kind == "range" and reading.range_m <= least_m:
             raise ValueError(
-                f"line {reading.line}: range_m is {reading.range_m:g}, less than half the camera's height of "
-                f"{camera.height_m.item():g} m above the water"
+                f"line {reading.line}: range_m is {reading.range_m:g}, expected more than {least_m:g}: the camera is "
+                f"{height_m:g} m above the water"
             )
 
 

@@ -70,8 +70,15 @@ def read_truths(root: Path) -> Iterator[Truth]:
 
 
 def remove_leftovers(root: Path) -> int:
-    """Remove the unfinished files of a run that was killed, and return how many there were."""
+    """Remove the unfinished files of a run that was killed, and pictures whose truth it did not come to.
+
+    Returns:
+        How many there were.
+    """
     leftovers = [path for path in root.rglob(".*") if LEFTOVER.fullmatch(path.name) and path.is_file()]
+    for path in (root / IMAGES).glob("*/[!.]*.jpg"):  # the reader would take one for a picture without boats
+        if not truth_path(root, path.relative_to(root / IMAGES).as_posix()).is_file():
+            leftovers.append(path)
     for path in leftovers:
         path.unlink()
     return len(leftovers)

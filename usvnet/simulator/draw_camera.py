@@ -123,14 +123,16 @@ def true_camera(camera: MountedCamera, rng: np.random.Generator) -> Camera:
     )
 
 
-def measure_attitude(camera: MountedCamera, true: Camera, rng: np.random.Generator) -> tuple[float, float, float]:
-    """Pitch, roll and their standard deviation in degrees, as the IMU says or, without one, as the mount does."""
+def measure_attitude(
+    camera: MountedCamera, true: Camera, rng: np.random.Generator
+) -> tuple[float, float, float | None]:
+    """Pitch, roll and their standard deviation in degrees, as the IMU says.
+
+    Without one the angles are the mount's and there is no deviation: the camera file has them, each with its own.
+    """
     std_deg = camera.settings.imu_std_deg
     if std_deg is None:
-        angles = (camera.nominal.pitch_rad, camera.nominal.roll_rad)
-        stds = (camera.nominal.pitch_std_rad, camera.nominal.roll_std_rad)
-        pitch_deg, roll_deg = (math.degrees(angle.item()) for angle in angles)
-        return pitch_deg, roll_deg, math.degrees(max(std.item() for std in stds))
+        return math.degrees(camera.nominal.pitch_rad.item()), math.degrees(camera.nominal.roll_rad.item()), None
     pitch_deg, roll_deg = (math.degrees(angle.item()) for angle in (true.pitch_rad, true.roll_rad))
     return pitch_deg + float(rng.normal(0, std_deg)), roll_deg + float(rng.normal(0, std_deg)), std_deg
 

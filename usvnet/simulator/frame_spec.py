@@ -160,9 +160,9 @@ class FrameSpec:
     """The camera as it truly stood (a batch of 1, float64), in the middle of the exposure."""
     measured_pitch_deg: float
     measured_roll_deg: float
-    """What the IMU said of it."""
-    attitude_std_deg: float
-    """Standard deviation of what the IMU says."""
+    """What the IMU said of it, or without one the mount."""
+    attitude_std_deg: float | None
+    """Standard deviation of what the IMU says; None where there is none."""
     shutter: ShutterSpec
     sky: SkySpec
     air: AirSpec

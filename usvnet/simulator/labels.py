@@ -114,6 +114,8 @@ def _visibility(
     with np.errstate(invalid="ignore"):  # points without a pixel are NaN, and outside
         inside = (pixels > -0.5).all(1) & (pixels[:, 0] < width - 0.5) & (pixels[:, 1] < height - 0.5)
     visibility = np.zeros(len(keypoints), np.int64)
+    if not inside.any():  # no ray at all is one too few for the renderer
+        return visibility
     rays = keypoints[inside] - eye
     distance = np.linalg.norm(rays, axis=1)
     clear = scene.distance(eye, rays / distance[:, None]) > distance - HIDDEN_BEHIND * length_m

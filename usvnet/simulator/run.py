@@ -13,6 +13,7 @@ from rich.console import Console
 from usvnet.files import alone_in
 from usvnet.geometry.camera import scale_camera
 from usvnet.simulator.dataset_writer import remove_leftovers, whole_frames
+from usvnet.simulator.hulls.hull import build_hull
 from usvnet.simulator.manifest import claim_folder, make_manifest
 from usvnet.simulator.progress import FrameProgress
 from usvnet.simulator.scenario import Scenario
@@ -77,7 +78,7 @@ def simulate_dataset(
 
     Raises:
         FileNotFoundError: no such settings file.
-        ValueError: settings or options are wrong, or the folder holds something else or is in use.
+        ValueError: settings, options or a boat's files are wrong, or the folder holds something else or is in use.
         OSError: a file cannot be written.
     """
     if not (math.isfinite(scale) and 0 < scale <= LARGEST_SCALE):
@@ -97,6 +98,9 @@ def simulate_dataset(
     else:
         numbers = list(range(scenario.total))
 
+    for hull in scenario.hulls().values():
+        if hull.mesh_file is not None:
+            build_hull(hull, 0)  # a file that cannot be used is told before the folder is bound to it
     for notice in claim_folder(root, make_manifest(config, settings, quality, scale, engine)):
         console.print(f"note: {notice}", markup=False, highlight=False, soft_wrap=True)
     with alone_in(root):

@@ -97,7 +97,10 @@ def write_table(path: Path, rows: Sequence[Row], columns: Iterable[str] = ()) ->
 
 
 def _attitude(spec: Row) -> Row:
+    """What an IMU has measured; nothing where there is none, and the mount stands."""
     std_deg = spec["attitude_std_deg"]
+    if std_deg is None:
+        return dict.fromkeys(ATTITUDE)
     return dict(zip(ATTITUDE, (spec["measured_pitch_deg"], spec["measured_roll_deg"], std_deg, std_deg)))
 
 

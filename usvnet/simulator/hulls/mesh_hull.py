@@ -12,6 +12,10 @@ CURVE_POINTS = 300
 STRIPE_CELL = 0.03
 """Triangles are cut until no edge is longer than this share of the length: their corners carry the paint."""
 MOST_ROUNDS, MOST_TRIANGLES = 6, 40_000
+OUTSIDE = 0.05
+"""How far beyond the mesh a keypoint may lie, as a share of the length: waterline points do, under an overhang."""
+LENGTHS = (0.8, 1.6)
+"""How long a mesh may be over the length between its keypoints: a bowsprit and an engine count with it."""
 FACES_UP = 0.7
 """Cosine of the slope below which a face is a deck."""
 BARE_ROUGHNESS = 0.4
@@ -33,6 +37,7 @@ def build_mesh_hull(spec: HullSpec) -> Shape:
     corners = read.vertices_m[read.faces]  # (F, 3, 3) own corners for every face: it may be of another material
     if not (corners[..., 2].min() < 0 < corners[..., 2].max()):
         raise ValueError(f"{spec.mesh_file}: the mesh does not cross the resting waterline z = 0")
+    _check_together(corners.reshape(-1, 3), keypoints, length, str(spec.mesh_file))
     if read.colours_srgb is None:
         parts = _by_place(corners, freeboard, float(keypoints[0, 2]), length)
     else:
@@ -64,6 +69,20 @@ def _check(keypoints: Doubles, name: str) -> None:
         raise ValueError(f"{name}: left keypoints lie to port, at greater y than the right ones")
     if keypoints[3, 0] <= keypoints[6, 0]:
         raise ValueError(f"{name}: the bow lies ahead of the stern, at greater x")
+
+
+def _check_together(vertices: Doubles, keypoints: Doubles, length_m: float, name: str) -> None:
+    """Insist that mesh and keypoints are one boat's: in metres, x forward and z up, origin amidships at the water."""
+    low, high = vertices.min(0), vertices.max(0)
+    reach_m = OUTSIDE * length_m
+    outside = ((keypoints < low - reach_m) | (keypoints > high + reach_m)).any(1)
+    longest = float(high[0] - low[0]) / length_m
+    if outside.any() or not LENGTHS[0] < longest < LENGTHS[1]:
+        spans = ", ".join(f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xyz", low, high))
+        raise ValueError(
+            f"{name}: the mesh spans {spans} and does not fit its keypoints, {length_m:.3g} m long: expected metres, "
+            "x forward, y to port, z up, and the origin amidships on the resting waterline"
+        )
 
 
 def _straight(through: Doubles, to: Doubles, below_m: float) -> Doubles:

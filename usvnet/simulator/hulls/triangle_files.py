@@ -4,6 +4,7 @@ OBJ: other keywords than ``v`` and ``f`` say nothing of the shape and are passed
 x, y and z, perhaps red, green and blue of one byte each; faces as lists of vertex indices.
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -97,7 +98,7 @@ def _read_ply(path: Path, raw: bytes) -> tuple[NDArray[np.float64], Polygons, ND
     rings = next((i for i, element in enumerate(elements) if element.name == "face"), None)
     if points is None or rings is None:
         raise ValueError(f"{path}: expected elements vertex and face")
-    names = [name for name, _, _ in elements[points].properties]
+    names = [name if not counted else "" for name, _, counted in elements[points].properties]
     lists = [k for k, (name, _, counted) in enumerate(elements[rings].properties) if counted and name in FACE_LISTS]
     if not {"x", "y", "z"} <= set(names) or not lists:
         raise ValueError(f"{path}: expected properties x, y, z of vertex and vertex_indices of face")
@@ -107,7 +108,7 @@ def _read_ply(path: Path, raw: bytes) -> tuple[NDArray[np.float64], Polygons, ND
     if all(types.get(name) in ("uchar", "uint8") for name in COLOURS):
         rgb = [[row[names.index(name)][0] for name in COLOURS] for _, row in tables[points]]
         colours = np.clip(np.array(rgb).reshape(-1, 3), 0, 255).astype(np.uint8)
-    polygons = [(line, [int(k) for k in row[lists[0]]]) for line, row in tables[rings]]
+    polygons = [(line, [_whole(line, k) for k in row[lists[0]]]) for line, row in tables[rings]]
     return columns.reshape(-1, 3), polygons, colours
 
 
@@ -169,7 +170,7 @@ def _ascii_tables(path: Path, raw: bytes, elements: list[_Element], lines: int) 
             for _, _, counted in element.properties:
                 length = 1
                 if counted:
-                    length, place = int(values[place]) if place < len(values) else 0, place + 1
+                    length, place = _whole(line, values[place]) if place < len(values) else 0, place + 1
                 row.append(values[place : place + length])
                 place += length
             if place != len(values):
@@ -203,6 +204,12 @@ def _binary_tables(path: Path, raw: bytes, elements: list[_Element]) -> list[Row
             rows.append((f"{path}: {what}", row))
         tables.append(rows)
     return tables
+
+
+def _whole(line: str, value: float) -> int:
+    if not math.isfinite(value) or value != int(value):
+        raise ValueError(f"{line}: expected a whole number, got {value:g}")
+    return int(value)
 
 
 def _numbers(line: str, words: list[str]) -> list[float]:
