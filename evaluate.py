@@ -53,8 +53,7 @@ def main() -> None:
         settings.output = settings.output or f"runs/{settings.checkpoint.stem}/evaluation/{settings.split}"
         if settings.calibrate_intervals is not None:
             raise ValueError(f"calibrate_intervals changes a checkpoint: name a copy of {settings.checkpoint} with it")
-    # a missing or damaged one is told before horizons are looked for
-    stamp = read_checkpoint(settings.checkpoint)[STAMP]
+    stamp = read_checkpoint(settings.checkpoint)[STAMP]  # a damaged one is told before horizons are looked for
     for sentence in unlike_training(stamp, data.eval_image_size, data.native_size):
         print(f"note: {settings.checkpoint} {sentence}", file=sys.stderr)
     if settings.calibrate_intervals is not None:

@@ -12,6 +12,8 @@ def main() -> None:
     from usvnet.training_cli import TrainingCLI
 
     cli = TrainingCLI()
+    if cli.config.evaluate_after:
+        cli.datamodule.dataset("test")  # a fault in it is told now, not after hours
     checkpoint = cli.fit()
     if not cli.trainer.is_global_zero:
         return

@@ -124,6 +124,27 @@ def test_training_names_the_file_that_is_faulty(spoil, dataset, refused, tmp_pat
     assert not list(tmp_path.glob("run/**/*.ckpt"))
 
 
+def test_a_validation_split_without_labels_is_refused_before_training(dataset, refused, tmp_path):
+    shutil.move(dataset / "labels" / "val", dataset / "labels-of-val")
+    (dataset / "ranges.csv").unlink()  # which would miss its boats
+    line = refused("train.py", "--data.root", dataset, "--data.image_size", 64, "--run_dir", tmp_path / "run")
+    assert f"{dataset}: no boat of val has a labelled keypoint" in line
+    assert not list(tmp_path.glob("run/**/*.ckpt"))
+
+
+def test_a_test_split_that_is_to_be_scored_is_looked_for_before_training(dataset, refused, tmp_path):
+    arguments = ["--data.root", dataset, "--data.image_size", 64, "--run_dir", tmp_path / "run"]
+    line = refused("train.py", *arguments, "--trainer.max_epochs", 1, "--evaluate_after", "true")
+    assert "no split 'test'" in line
+    assert not list(tmp_path.glob("run/**/*.ckpt"))
+
+
+def test_a_run_without_end_is_refused(dataset, refused, tmp_path):
+    arguments = ["--data.root", dataset, "--data.image_size", 64, "--run_dir", tmp_path / "run"]
+    line = refused("train.py", *arguments, "--trainer.max_epochs", -1)
+    assert "trainer.max_epochs is -1 and trainer.max_steps -1, expected either above 0" in line
+
+
 def test_check_data_names_all_faults_at_once(dataset, tmp_path):
     places = [six_keypoints(dataset), negative_range(dataset)]
     arguments = ["check-data", str(dataset), "--output", str(tmp_path / "labels.png")]

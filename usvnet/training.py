@@ -1,5 +1,6 @@
 """Training and validation of :class:`usvnet.model.USVNet` as a Lightning module."""
 
+import math
 from typing import Any, Literal, Self
 
 import torch
@@ -216,7 +217,16 @@ class USVModule(LightningModule):
         return {index: picture for part in parts for index, picture in part.items()}
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
-        """Build the optimiser and the learning rate's course over the whole run."""
+        """Build the optimiser and the learning rate's course over the whole run.
+
+        Raises:
+            ValueError: the run has no end.
+        """
+        if math.isinf(self.trainer.estimated_stepping_batches):
+            raise ValueError(
+                f"trainer.max_epochs is {self.trainer.max_epochs} and trainer.max_steps {self.trainer.max_steps}, "
+                "expected either above 0: the learning rate's course needs the run's end"
+            )
         steps = int(self.trainer.estimated_stepping_batches)
         config = resolve_auto(self.optimiser, steps)
         optimiser: Optimizer = build_optimiser(self, config)

@@ -128,8 +128,10 @@ class TrainingCLI(LightningCLI):
 
         Raises:
             KeyboardInterrupt: the user stopped the run; a line on stderr says how to go on.
+            ValueError: nothing to choose the best checkpoint by, a run without end, or faulty data.
         """
         start = self.start_checkpoint()
+        self._expect_labels()
         best = self.checkpoints / "best.ckpt"
         of_another_run = best.stat().st_mtime_ns if start is None and best.is_file() else None
         if start is None and (self.checkpoints / "last.ckpt").is_file() and self.trainer.is_global_zero:
@@ -149,6 +151,16 @@ class TrainingCLI(LightningCLI):
                 best.unlink()
             return self.checkpoints / "last.ckpt"
         return best if best.is_file() else self.checkpoints / "last.ckpt"
+
+    def _expect_labels(self) -> None:
+        """Insist on labels to validate by: without, the fitness is no number, and the first epoch stays the best."""
+        if self.trainer.limit_val_batches == 0:
+            return
+        if not any((frame.visibility > 0).any() for frame in self.datamodule.frames("val")):
+            raise ValueError(
+                f"{self.datamodule.root}: no boat of val has a labelled keypoint to choose the best checkpoint by, "
+                "expected labels where the reader looks for them (--trainer.limit_val_batches 0 trains without)"
+            )
 
 
 class TrainingConfiguration(TrainingCLI):

@@ -247,6 +247,14 @@ def test_pictures_of_a_known_pace_are_followed(predict, folder, video):
         predict(video, "--fps", "4")
 
 
+def test_pictures_too_far_apart_to_be_followed_are_refused(predict, folder, video, tmp_path):
+    with pytest.raises(ValueError, match=r"frames are 4 s apart, expected at most the 2 s of --tracking\.lost-s"):
+        predict(folder, "--track", "--fps", "0.5", "--every", "2")
+    with pytest.raises(ValueError, match=r"frames are 0\.3 s apart, expected at most the 0\.2 s"):
+        predict(video, "--track", "--every", "3", "--tracking.lost-s", "0.2")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(("number", "end"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, Terminated)])
 def test_a_signal_leaves_whole_files(predict, video, tmp_path, monkeypatch, number, end):
     count = command.Tally.count

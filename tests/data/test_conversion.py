@@ -89,3 +89,25 @@ def test_stopped_while_copying_leaves_nothing(scene_folder: Path, tmp_path: Path
 def test_two_pictures_of_one_label_file_are_refused(tmp_path: Path):
     with pytest.raises(ValueError, match=r"a\.jpg: would share the label file of .*a\.png"):
         write_dataset({"train": [picture("a.png"), picture("a.jpg")]}, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("scenes", "members", "expected"),
+    [(1, 5, [3, 1, 1]), (40, 1, [28, 8, 4]), (7, 3, [15, 4, 2]), (1, 3, [1, 1, 1]), (1, 2, [2, 0, 0])],
+)
+def test_small_scenes_leave_no_split_without_its_share(scenes: int, members: int, expected: list[int]):
+    pictures = [picture(f"{scene}/{n}.png", str(scene)) for scene in range(scenes) for n in range(members)]
+    splits = share_out(pictures, (0.7, 0.2, 0.1), seed=0)
+    assert list(map(len, splits.values())) == expected
+    assert sorted(each.name for dealt in splits.values() for each in dealt) == sorted(each.name for each in pictures)
+    assert share_out(pictures[::-1], (0.7, 0.2, 0.1), seed=0) == splits
+
+
+def test_a_split_without_a_share_gets_nothing():
+    assert share_out([picture(f"{n}.png") for n in range(11)], (0.5, 0.5, 0.0), seed=0)["test"] == []
+
+
+def test_a_picture_of_no_split_among_splits_is_named():
+    pictures = [picture("a", split="train"), picture("b", split="val"), picture("I/stray.png")]
+    with pytest.raises(ValueError, match=r"stray\.png: in no split, while .* in train and val: .* --split"):
+        keep_splits(pictures)

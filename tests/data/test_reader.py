@@ -70,7 +70,7 @@ def test_several_cameras_are_told_apart(tiny: Path):
 
 
 def test_the_hull_is_the_one_named_else_the_only_one_else_a_generic_one(tiny: Path):
-    known = Hull(torch.rand(1, 7, 3), scale_std=torch.tensor([0.1]), point_std_m=torch.tensor([0.01]))
+    known = Hull(1.3 * generic_hull().points_m, scale_std=torch.tensor([0.1]), point_std_m=torch.tensor([0.01]))
     for hull in read_hulls(tiny, "train"):
         torch.testing.assert_close(hull.points_m, generic_hull().points_m)
     save_hull(known, tiny / "hulls" / "skiff.yaml")

@@ -147,3 +147,34 @@ def test_mot_text_counts_from_one(written):
     x, y, z = (float(value) for value in lines[0][7:])
     assert (float(lines[0][6]), y) == (0.9, 1.6)
     assert math.hypot(x, y, z) == pytest.approx(ranged(BOAT).ranges["waterline"].slant_m, abs=0.01)
+
+
+def beyond_the_fold(shift_px: float, ends: list[int]):
+    """A boat and a camera whose lens has no ray for those waterline keypoints."""
+    camera = make_camera(PINHOLE, SIZE_PX, height_m=1.6, pitch_rad=0.12, distortion=(-0.3, 0, 0, 0, 0), **CAMERA_STDS)
+    whole = boat(truth(shift_px=shift_px, range_m=8.0))
+    keypoints_px = whole.keypoints_px.copy()
+    keypoints_px[ends] = [9000.0, 300.0]
+    return whole, dataclasses.replace(whole, keypoints_px=keypoints_px), camera
+
+
+@pytest.mark.parametrize(("lost", "left"), [(3, 6), (6, 3)])
+def test_a_waterline_end_without_a_ray_says_nothing(lost, left):
+    whole, half, camera = beyond_the_fold(350.0, [lost])
+    both_there = dataclasses.replace(whole, keypoints_px=whole.keypoints_px.copy())
+    both_there.keypoints_px[lost] = both_there.keypoints_px[left]
+    (expected,), (sighting,) = sight([both_there], "fused", camera), sight([half], "fused", camera)
+    assert sighting.bearing_rad == pytest.approx(expected.bearing_rad)
+    assert sighting.common_std_per_m == pytest.approx(expected.common_std_per_m)
+    assert sighting.bearing_std_rad == pytest.approx(40 / 600, rel=0.01)  # half of the box's 80 px
+
+
+def test_without_a_ray_of_either_end_the_bearing_is_that_of_the_range():
+    _, lost, camera = beyond_the_fold(0.0, [3, 6])
+    (sighting,) = sight([lost], "fused", camera)
+    assert (sighting.bearing_rad, sighting.inverse_per_m) == (0.1, 1 / 8)
+    assert sighting.bearing_std_rad == pytest.approx(40 / 600, rel=0.01)
+    none = dataclasses.replace(lost.ranges["fused"], valid=False, slant_m=math.inf)
+    (sighting,) = sight([dataclasses.replace(lost, ranges={"fused": none})], "fused", camera)
+    assert math.isnan(sighting.bearing_rad)
+    assert not sighting.ranged

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from usvnet.checkpoints import load_model
+from usvnet.checkpoints import load_model, write_calibration
 from usvnet.data.dataset import BoatDataset
 from usvnet.evaluation import calibrator
 from usvnet.evaluation.conformal import MIN_BOATS
@@ -100,3 +100,32 @@ def test_keypoints_that_stray_are_told_and_widen_the_ranges(dataset, checkpoint,
     believed = load_model(checkpoint).intervals.factors()
     assert found["waterline"].factor_90 < 0.8 * believed["waterline"].factor_90
     assert found["box_bottom"].factor_90 == pytest.approx(believed["box_bottom"].factor_90)
+
+
+def test_where_nothing_can_be_fitted_an_earlier_calibration_stays(dataset, checkpoint, monkeypatch, capsys):
+    write_calibration(checkpoint, 0.02, 0.03, {"waterline": IntervalFactors(2.0, 3.0, 77)})
+    assert calibrator.calibrate_checkpoint(checkpoint, dataset, "val") == {}
+    kept = load_model(checkpoint)
+    assert (kept.noise.get_share(), kept.intervals.factors()["waterline"]) == (
+        pytest.approx(0.02),
+        IntervalFactors(2.0, 3.0, 77),
+    )
+    assert f"{checkpoint}: its calibration is left as it is" in capsys.readouterr().out
+
+    pictures = ranged_pictures(dataset, 48)  # enough of everything, but the boats are not found
+    monkeypatch.setattr(calibrator, "load_model", lambda path: Oracle(pictures, missed=tuple(range(48))))
+    assert calibrator.calibrate_checkpoint(checkpoint, pictures, "val") == {}
+    assert load_model(checkpoint).intervals.factors()["waterline"] == IntervalFactors(2.0, 3.0, 77)
+
+
+def test_a_new_doubt_of_keypoints_alone_removes_factors_that_belong_to_another(
+    dataset, checkpoint, monkeypatch, capsys
+):
+    write_calibration(checkpoint, 0.02, 0.03, {"waterline": IntervalFactors(2.0, 3.0, 77)})
+    frames = [dataclasses.replace(f, range_m=np.zeros(1)) for f in ranged_pictures(dataset, 48).frames]
+    pictures = BoatDataset(frames, dataset.size_px[0])
+    monkeypatch.setattr(calibrator, "load_model", lambda path: Oracle(pictures))
+    assert calibrator.calibrate_checkpoint(checkpoint, pictures, "val") == {}
+    found = load_model(checkpoint)
+    assert (found.noise.get_share(), set(found.intervals.factors().values())) == (0.0, {UNCALIBRATED})
+    assert "its earlier interval factors are removed" in capsys.readouterr().out

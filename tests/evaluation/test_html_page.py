@@ -1,15 +1,17 @@
 """The page of an evaluation, read as a browser reads it."""
 
 import base64
+import math
 import re
 
 import cv2
 import numpy as np
 import pytest
 
-from usvnet.evaluation.examples import TILE_PX
+from usvnet.evaluation.examples import TILE_PX, Example
 from usvnet.evaluation.html import page as page_room
 from usvnet.evaluation.html.page import render_page, write_page
+from usvnet.evaluation.html.pictures import missed_examples, worst_examples
 from usvnet.evaluation.html.svg import THEME
 from usvnet.evaluation.records import ESTIMATORS
 
@@ -196,3 +198,12 @@ def test_the_templates_are_shipped(root):
     others = {path for path in (root / "usvnet").rglob("*.*") if path.suffix not in {".py", ".pyc"}}
     found = {p for room, globs in shipped.items() for g in globs for p in root.glob(f"{room.replace('.', '/')}/{g}")}
     assert others <= found
+
+
+def test_a_picture_of_several_boats_shows_its_worst(tmp_path):
+    frame, other = evaluation(tmp_path, 2, lambda n, of: [], lambda n: [truth(range_m=10.0)]).frames
+    errors = [(frame, 0.1), (frame, -9.0), (other, 5.0), (frame, math.inf), (other, math.inf)]
+    examples = [Example(of, truth(range_m=10.0 + n), None, error) for n, (of, error) in enumerate(errors)]
+    assert [example.error for example in worst_examples(examples)] == [-9.0, 5.0]
+    assert [example.error for example in worst_examples(examples[:3])][:1] == [-9.0]
+    assert [example.frame.name for example in missed_examples(examples)] == [frame.name, other.name]

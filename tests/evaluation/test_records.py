@@ -1,7 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from usvnet.data.dataset import BoatDataset, collate
+from usvnet.evaluation.evaluator import frame_truths
+from usvnet.evaluation.examples import find_examples
+from usvnet.evaluation.range_metrics import ranged_boats
 from usvnet.evaluation.records import ESTIMATORS, match_boats, to_records, to_truths
 from usvnet.types import Boats, Prediction, RangeEstimate, Reason
 
@@ -89,3 +95,36 @@ def test_each_labelled_boat_is_matched_once():
     assert match_boats([other, best], [first, second]) == [other, best]
     assert match_boats([best], [first, second]) == [None, best]
     assert match_boats([best], []) == []
+
+
+def test_neither_label_goes_to_a_boat_that_is_found_twice():
+    first, second = truth(), truth(30.0)  # overlapping boxes
+    twice, neighbour = boat(truth(4.0), 0.95), boat(truth(33.0), 0.5)
+    found = boat(first, 0.9)
+    assert match_boats([twice, found, neighbour], [first, second]) == [found, neighbour]
+    assert match_boats([boat(first, 0.9), boat(truth(76.0), 0.9)], [truth(200.0), first])[0] is None
+
+
+def test_boxes_that_hardly_touch_are_of_two_boats():
+    assert match_boats([boat(truth(76.0))], [truth(), truth(500.0)]) == [None, None]
+
+
+@pytest.mark.parametrize(
+    ("reference", "visibility", "kept"),
+    [
+        (-1, [2] * 7, True),
+        (3, [2] * 7, True),  # the lower one in the picture
+        (6, [2] * 7, False),
+        (6, [2, 2, 2, 0, 2, 2, 1], True),
+        (3, [2, 2, 2, 0, 2, 2, 1], False),
+        (6, [2, 2, 2, 0, 2, 2, 0], True),
+    ],
+)
+def test_a_reading_of_the_farther_waterline_point_is_not_compared(dataset, reference, visibility, kept):
+    frame = replace(dataset.frames[0], reference=np.array([reference]), visibility=np.array([visibility]))
+    labels = [frame_truths(frame)[0], to_truths(collate([BoatDataset([frame], 128)[0]]).boats)[0][0]]
+    assert [label.range_m for label in labels] == pytest.approx([frame.range_m[0] * kept] * 2)
+    records, truths = [[boat(labels[0])]], [[labels[0]]]
+    assert len(ranged_boats(records, truths)) == kept
+    (example,) = find_examples([frame], records, truths, 0.25, "fused")
+    assert (example.truth.range_m > 0) == kept

@@ -19,7 +19,7 @@ from .mutations import EXAMPLES, quick, read_or_refused, spoilt_json, spoilt_tex
 SIZE_PX = (160, 120)
 LABELS = ("0 0.5 0.5 0.2 0.1" + " 0.45 0.5 2" * 7 + "\n") * 2
 DATA_YAML = "train: images/train\nval: val.json\nnames: {0: usv}\nkpt_shape: [7, 3]\nflip_idx: [0, 2, 1, 3, 5, 4, 6]\n"
-RANGES = "image,range_m,range_std_m,instance,reference,scene,pitch_deg\na.png,5.5,0.1,0,bow,I,6\nb.png,7,,,,,\n"
+RANGES = "image,range_m,range_std_m,instance,reference,scene,pitch_deg\na.png,5.5,0.1,0,bow_bottom,I,6\nb.png,7,,,,,\n"
 FRAMES = "image,camera,hull,scene,pitch_deg,roll_deg,pitch_std_deg,time_s\na.png,front,mine,I,6,-1,0.1,12.5\n"
 IMU = "time_s,pitch_deg,roll_deg,pitch_std_deg,roll_std_deg\n0,6,-1,0.1,0.1\n0.1,6.5,-1.5,0.1,0.1\n0.2,6,-1,0.1,0.1\n"
 COCO = {

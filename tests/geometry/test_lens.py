@@ -66,6 +66,23 @@ def test_a_ray_found_beyond_the_fold_is_no_ray():
     assert trusted.valid.sum() > 4000
 
 
+def test_pixels_near_the_fold_of_a_wide_lens_have_their_rays():
+    camera = make_camera([[700, 0, 640], [0, 700, 360], [0, 0, 1]], (1280, 720), (-0.35, 0.15, 0, 0, -0.03), height_m=1)
+    pixels = torch.tensor([[[1261.0, 552.0], [1266.0, 570.0]]])
+    lens = undistort(pixels, camera)
+    assert lens.valid.all()
+    assert (distort(lens.xy, camera.distortion) * 700 + torch.tensor([640.0, 360.0]) - pixels).abs().max() < 1e-3
+
+
+def test_a_point_across_the_centre_is_no_ray():
+    # Far beyond the fold x_d = x (1 + k1 x^2) is of the other sign and grows again: each pixel has a point there, too.
+    camera = make_camera([[500, 0, 0], [0, 500, 0], [0, 0, 1]], (640, 480), (-0.3, 0, 0, 0), height_m=1)
+    pixels = torch.cartesian_prod(torch.linspace(-700, 700, 141), torch.linspace(-500, 500, 101))[None]
+    lens = undistort(pixels, camera)
+    assert ((lens.xy * pixels).sum(-1) >= 0)[lens.valid].all()
+    assert (pixels.norm(dim=-1)[lens.valid] < 500 * 2 / 3 / 0.9**0.5).all()
+
+
 def test_gradcheck(camera, water_px):
     points = water_px.requires_grad_()
     K = camera.K.clone().requires_grad_()

@@ -134,3 +134,20 @@ def test_a_closing_boat_says_when_and_how_near():
 def test_rules_that_make_no_sense(rules, sentence):
     with pytest.raises(ValueError, match=rf"tracking\.{sentence}"):
         TrackingConfig(**rules)
+
+
+def test_a_clock_that_is_set_back_begins_anew():
+    tracker = Tracker(TrackingConfig(lost_s=1.0))
+    for start_s in (100.0, 0.0):
+        for n in range(6):
+            tracks = tracker.step(start_s + 0.1 * n, [at(0.0, 20.0 + n)])
+    (track,) = tracks
+    assert (track.number, track.sighting, track.age_s) == (2, 0, pytest.approx(0.5))
+    assert track.motion[3] > 2  # it recedes by 10 m/s, seen for half a second
+
+
+def test_a_sighting_of_no_bearing_is_of_no_boat():
+    tracker = Tracker()
+    for n in range(6):
+        tracks = tracker.step(0.1 * n, [Sighting(*[math.nan] * 5)] if n == 5 else [at(0.0, 20.0)])
+    assert [(track.number, track.sighting) for track in tracks] == [(1, None)]

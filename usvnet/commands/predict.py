@@ -122,6 +122,8 @@ def predict(
         for name, wanted in (("imu", imu is not None), ("track", track)):
             if wanted and isinstance(files, Photographs) and fps is None:
                 raise ValueError(f"{name}: {source}: pictures have no time, expected their fps, a video or a stream")
+        if track and files is not None:
+            _check_pace(files, tracking)
         exported = ExportedModel(weights, device) if model else None
         if confidence is None:
             confidence = exported.score_threshold if exported else RANGE_CONFIDENCE
@@ -177,6 +179,15 @@ def predict(
         raise ConnectionError(f"{frames.name}: broke off and did not come back")
     if not tally.frames:
         raise ValueError(f"{source}: none of its pictures can be read")
+
+
+def _check_pace(files: Source, tracking: TrackingConfig) -> None:
+    """Refuse frames so far apart that every boat would be given up before the next of them, and none confirmed."""
+    if files.frames_per_s is not None and 1 / files.frames_per_s > tracking.lost_s:
+        raise ValueError(
+            f"track: {files.name}: its frames are {1 / files.frames_per_s:g} s apart, expected at most the "
+            f"{tracking.lost_s:g} s of --tracking.lost-s, after which a boat that is not seen is given up"
+        )
 
 
 def _writers(

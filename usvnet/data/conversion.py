@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from usvnet.data.formats.cvat import read_cvat, unpacked
 from usvnet.data.formats.exports import Export, Follow, LabelledPicture
@@ -79,6 +80,9 @@ def share_out(
 ) -> dict[str, list[LabelledPicture]]:
     """Deal pictures to train, val and test by their shares, each scene for itself, drawn from ``seed``.
 
+    What a split is owed of one scene, for there are no halves of pictures, it gets of the next. Of three pictures or
+    more, every split with a share gets one.
+
     Consecutive frames of one video resemble each other: where they fall into several splits, a network is judged on
     what it has nearly seen. Give such data its splits by folder (``train``, ``val``, ``test``) instead.
     """
@@ -87,22 +91,48 @@ def share_out(
         scenes[picture.scene].append(picture)
     generator = np.random.default_rng(seed)
     splits: dict[str, list[LabelledPicture]] = {split: [] for split in SPLITS}
+    parts = np.asarray(shares) / np.sum(shares)
+    dealt = np.zeros(len(SPLITS), int)
     for members in scenes.values():
         order = generator.permutation(len(members))
-        ends = np.round(np.cumsum(shares) / np.sum(shares) * len(members)).astype(int)
-        for split, chosen in zip(SPLITS, np.split(order, ends[:-1])):
+        got = _portions(parts * (dealt.sum() + len(members)) - dealt, len(members))
+        dealt += got
+        for split, chosen in zip(SPLITS, np.split(order, np.cumsum(got)[:-1])):
             splits[split] += [members[i] for i in sorted(chosen)]
+    for split, part in zip(SPLITS, parts):
+        if part > 0 and not splits[split] and len(pictures) >= len(SPLITS):
+            splits[split].append(max(splits.values(), key=len).pop())
     return splits
 
 
+def _portions(owed: NDArray[np.float64], pictures: int) -> NDArray[np.int64]:
+    """Whole numbers of pictures for the splits: one after another to whom most is owed."""
+    got = np.zeros(len(owed), np.int64)
+    for _ in range(pictures):
+        got[np.argmax((owed - got).round(9))] += 1  # rounded: of two that are owed the same, the first
+    return got
+
+
 def keep_splits(pictures: Sequence[LabelledPicture]) -> dict[str, list[LabelledPicture]] | None:
-    """The splits that the export has; None where it has fewer than two, or pictures of none."""
+    """The splits that the export has; None where it has fewer than two.
+
+    Raises:
+        ValueError: it has several, and a picture of none.
+    """
     splits: dict[str, list[LabelledPicture]] = {split: [] for split in SPLITS}
     for picture in pictures:
+        if picture.split is not None:
+            splits[picture.split].append(picture)
+    named = [split for split, members in splits.items() if members]
+    if len(named) < 2:
+        return None
+    for picture in pictures:
         if picture.split is None:
-            return None
-        splits[picture.split].append(picture)
-    return splits if sum(map(bool, splits.values())) > 1 else None
+            raise ValueError(
+                f"{picture.path}: in no split, while other pictures are in {' and '.join(named)}: expected one of "
+                f"{', '.join(SPLITS)}, or deal all anew with --split"
+            )
+    return splits
 
 
 def write_dataset(

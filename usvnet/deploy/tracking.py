@@ -17,6 +17,8 @@ from usvnet.types import WATERLINE_KEYPOINTS, Camera
 
 LEAST_STD_RAD = 1e-5
 """No direction is surer than this, whatever a heatmap claims."""
+UNKNOWN_SHARE = 0.5
+"""Part of the variance that all frames share, where no waterline keypoint tells it."""
 
 
 class BoatFollower:
@@ -47,7 +49,9 @@ def sight(boats: Sequence[BoatRecord], estimator: str, camera: Camera) -> list[S
     """Say what a frame tells of its boats, and split the variance into what is new in it and what all frames share.
 
     The bearing is that of the hull's middle, between the two waterline keypoints: the range belongs to the nearer of
-    them, and which that is may change from frame to frame while a boat lies broadside.
+    them, and which that is may change from frame to frame while a boat lies broadside. Where only one of the two has a
+    ray, its bearing stands for the middle's, and where neither has one, that of the range does, both no surer than half
+    the box is wide. Without a range either, nothing is sighted: the bearing is nan.
 
     The range is the estimator's, its standard deviation too. Pitch, roll, focal length and height of the camera are
     common to all frames; keypoints and waves are new. In which proportion is computed for the nearer waterline keypoint
@@ -66,6 +70,7 @@ def sight(boats: Sequence[BoatRecord], estimator: str, camera: Camera) -> list[S
     points = torch.from_numpy(np.stack([boat.keypoints_px[ends] for boat in boats])).double()
     covariance = torch.from_numpy(np.stack([boat.keypoint_covariance_px2[ends] for boat in boats])).double()
     rays = trace_pixels(points.flatten(0, 1)[None], camera)
+    seen = rays.valid[0].reshape(-1, 2)
     direction = rays.direction[0].reshape(-1, 2, 3)
     x, y, z = direction.unbind(-1)
     level = torch.hypot(x, z)
@@ -88,20 +93,31 @@ def sight(boats: Sequence[BoatRecord], estimator: str, camera: Camera) -> list[S
         + (by_log_focal * camera.focal_std_px / camera.K[:, 1, 1]) ** 2
         + (tangent * camera.height_std_m / height) ** 2
     )
-    nearer = tangent.argmax(1, keepdim=True)
-    shared = (common / (common + new + LEAST_STD_RAD**2)).gather(1, nearer)[:, 0].tolist()
-    bearings = bearing[:, 0] + torch.remainder(bearing[:, 1] - bearing[:, 0] + math.pi, 2 * math.pi) / 2 - math.pi / 2
-    stds = torch.sqrt(bearing_variance.sum(1) / 4 + LEAST_STD_RAD**2)
+    nearer = tangent.masked_fill(~seen, -math.inf).argmax(1, keepdim=True)
+    shared = (common / (common + new + LEAST_STD_RAD**2)).gather(1, nearer)[:, 0]
+    middle = bearing[:, 0] + torch.remainder(bearing[:, 1] - bearing[:, 0] + math.pi, 2 * math.pi) / 2 - math.pi / 2
+    boxes = torch.from_numpy(np.stack([boat.box_px for boat in boats])).double()
+    half_box = (boxes[:, 2] - boxes[:, 0]) / 2 / focal_px(camera)[0, 0, 0]
+    both, none = seen.all(1), ~seen.any(1)
+    bearings = torch.where(both, middle, torch.where(seen[:, 0], bearing[:, 0], bearing[:, 1]))
+    variance = torch.where(both, bearing_variance.sum(1) / 4, (bearing_variance * seen).sum(1) + half_box**2)
+    stds = torch.sqrt(variance + LEAST_STD_RAD**2)
+    bearings, shared = bearings.masked_fill(none, math.nan), shared.masked_fill(none, UNKNOWN_SHARE)
     return [
-        _sighting(boat.ranges[estimator], middle, std, share)
-        for boat, middle, std, share in zip(boats, bearings.tolist(), stds.tolist(), shared)
+        _sighting(boat.ranges[estimator], towards, std, share)
+        for boat, towards, std, share in zip(boats, bearings.tolist(), stds.tolist(), shared.tolist())
     ]
 
 
 def _sighting(estimate: RangeRecord, bearing_rad: float, bearing_std_rad: float, shared: float) -> Sighting:
-    """Turn slant range and its sigma into 1 / horizontal range, the shared part of the variance apart."""
+    """Turn slant range and its sigma into 1 / horizontal range, the shared part of the variance apart.
+
+    A bearing of nan is that of the range.
+    """
     if not (estimate.usable and math.isfinite(estimate.slant_std_m) and estimate.horizontal_m > 0):
         return Sighting(bearing_rad, bearing_std_rad, math.nan, math.nan, math.nan)
     std = estimate.slant_std_m * estimate.slant_m / estimate.horizontal_m**3
     inverse = 1 / estimate.horizontal_m
+    if math.isnan(bearing_rad):
+        bearing_rad = estimate.bearing_rad
     return Sighting(bearing_rad, bearing_std_rad, inverse, std * math.sqrt(1 - shared), std * math.sqrt(shared))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-from usvnet.checkpoints import load_model, write_calibration
+from usvnet.checkpoints import STAMP, load_model, read_checkpoint, write_calibration
 from usvnet.data.dataset import BoatDataset
 from usvnet.data.records import Frame
 from usvnet.evaluation.conformal import MIN_BOATS, fit_intervals
@@ -31,23 +31,24 @@ def calibrate_checkpoint(
     """Find keypoint noise, doubt of sizes and interval factors of a checkpoint, write them into it, and tell them.
 
     Args:
-        checkpoint: written by train.py; an earlier calibration is replaced.
+        checkpoint: written by train.py; an earlier calibration is replaced, unless nothing can be fitted.
         dataset: a split that was not trained on, letterboxed and not augmented.
         split: its name.
         batch_size: pictures a batch.
         range_confidence: score that a boat needs to count.
 
     Returns:
-        The factors by estimator, 1 where there were too few boats.
+        The factors by estimator, 1 where there were too few boats; none where no interval was calibrated.
 
     Raises:
         FileNotFoundError: no such checkpoint.
         ValueError: not a checkpoint of usvnet; a damaged picture.
     """
+    earlier = read_checkpoint(checkpoint)[STAMP].get("intervals", {})
     truths = [frame_truths(frame) for frame in dataset.frames]
     readings = sum(truth.range_m > 0 for labelled in truths for truth in labelled)
     keypoints = sum(int((truth.visibility > 0).sum()) for labelled in truths for truth in labelled)
-    share, size_std, factors = 0.0, 0.0, dict[str, IntervalFactors]()
+    share, size_std, factors, share_fits = 0.0, 0.0, dict[str, IntervalFactors](), False
     if keypoints >= MIN_KEYPOINTS or readings >= MIN_BOATS:  # else there is nothing to predict for
         model = load_model(checkpoint).to("cuda" if torch.cuda.is_available() else "cpu")
         model.noise.set_share(0.0)
@@ -55,17 +56,26 @@ def calibrate_checkpoint(
         records = [picture.boats for picture in predict_pictures(model, dataset, batch_size)]
         matches = zip(records, truths, strict=True)
         pairs = [pair for boats, known in matches for pair in zip(match_boats(boats, known, range_confidence), known)]
-        share = fit_keypoint_share([(boat, truth) for boat, truth in pairs if boat is not None])
+        found = [(boat, truth) for boat, truth in pairs if boat is not None]
+        share = fit_keypoint_share(found)
+        share_fits = sum(int((truth.visibility > 0).sum()) for _, truth in found) >= MIN_KEYPOINTS
         ranged = ranged_boats(records, truths, range_confidence)
         size_std = fit_size_std(ranged, dataset.frames, share, model.ranging.curved_water)
         factors = fit_intervals(add_noise(ranged, dataset.frames, share, size_std, model.ranging.curved_water))
-        print(f"keypoints of {split} stray by {100 * share:.1f} % of a boat's size beyond what their heatmaps say")
+        if share_fits:
+            print(f"keypoints of {split} stray by {100 * share:.1f} % of a boat's size beyond what their heatmaps say")
         print(f"boats of {split} are drawn larger or smaller than they are by {100 * size_std:.1f} %")
     if readings < MIN_BOATS:
         factors = {}
         print(f"intervals not calibrated: {readings} laser readings in {split}, expected at least {MIN_BOATS}")
     else:
         print(f"intervals calibrated on the laser-ranged boats of {split}: {_told(factors)}")
+    intervals_fit = any(fitted.boats for fitted in factors.values())
+    if not share_fits and not intervals_fit:
+        print(f"{checkpoint}: its calibration is left as it is, for nothing can be fitted on {split}")
+        return {}
+    if earlier and not intervals_fit:
+        print(f"{checkpoint}: its earlier interval factors are removed, for they belong to another doubt of keypoints")
     write_calibration(checkpoint, share, size_std, factors)
     return factors
 

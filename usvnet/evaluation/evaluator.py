@@ -17,7 +17,7 @@ from usvnet.evaluation.html.page import Evaluation, write_page
 from usvnet.evaluation.overlay import write_overlays
 from usvnet.evaluation.predictions import Meta, predict_dataset, read_predictions
 from usvnet.evaluation.range_metrics import ranged_boats
-from usvnet.evaluation.records import RANGE_CONFIDENCE, TruthRecord
+from usvnet.evaluation.records import RANGE_CONFIDENCE, TruthRecord, comparable_range_m
 from usvnet.evaluation.report import print_report, write_report
 from usvnet.evaluation.scores import Scores, score
 from usvnet.evaluation.uncertainty_report import draw_reliability
@@ -220,7 +220,9 @@ def frame_truths(frame: Frame) -> list[TruthRecord]:
             box_px=frame.boxes_px[n],
             keypoints_px=frame.keypoints_px[n],
             visibility=frame.visibility[n],
-            range_m=float(frame.range_m[n]),
+            range_m=comparable_range_m(
+                frame.range_m[n], frame.reference[n], frame.keypoints_px[n], frame.visibility[n]
+            ),
             range_std_m=float(frame.range_std_m[n]),
             reference=int(frame.reference[n]),
             scene=frame.scene,

@@ -2,7 +2,8 @@
 
 The reference is the laser's reading, slant, in metres; an error is estimate - reading. RMSE is the square root of
 MSE (the paper's printed formula forgets the square; its tables do not). A boat that was not found, or whose estimate
-is not valid, is counted as missed and never dropped silently: read ``missed`` beside every other figure.
+is not valid, is counted as missed and never dropped silently: read ``missed`` beside every other figure. A reading of
+the farther waterline keypoint is no reference (:func:`usvnet.evaluation.records.comparable_range_m`).
 """
 
 import itertools

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from usvnet.intervals import ESTIMATORS, UNCALIBRATED, Z_68, Z_90, IntervalFactors
-from usvnet.types import NEAREST_WATERLINE, Boats, Prediction, RangeEstimate, Reason
+from usvnet.types import NEAREST_WATERLINE, WATERLINE_KEYPOINTS, Boats, Prediction, RangeEstimate, Reason
 
 FloatArray = NDArray[np.float64]
 
 RANGE_CONFIDENCE = 0.25
 """Score that a boat needs before it ranges a picture."""
+LEAST_IOU = 0.1
+"""Overlap that a predicted and a labelled box need to be of one boat, where there are several."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +94,11 @@ class TruthRecord:
     visibility: NDArray[np.int64]
     """(7,) 0 outside or unlabelled, 1 hidden, 2 seen."""
     range_m: float = 0.0
-    """Slant range read by the laser, 0 where there is none."""
+    """Slant range read by the laser, 0 where there is none to compare with (:func:`comparable_range_m`)."""
     range_std_m: float = 0.0
     """Standard deviation of that reading."""
     reference: int = NEAREST_WATERLINE
-    """The keypoint that the range belongs to."""
+    """The keypoint that the reading belongs to."""
     scene: str | None = None
     """Scene tag such as ``"IV"``."""
 
@@ -150,7 +152,7 @@ def to_truths(
     """Take the labels of a batch apart into its boats; ``scenes`` has one tag a picture, ``letterbox`` as above."""
     boxes, keypoints = _numpy(boats.boxes_px), _numpy(boats.keypoints_px)
     visibility, reference = boats.visibility.cpu().numpy(), boats.reference.cpu().numpy()
-    ranges, range_stds = _numpy(boats.range_m), _numpy(boats.range_std_m)
+    ranges_m, range_stds = _numpy(boats.range_m), _numpy(boats.range_std_m)
     pictures = []
     for b, present in enumerate(boats.present.cpu().numpy()):
         inverse = _inverse(letterbox, b)
@@ -160,7 +162,7 @@ def to_truths(
                     box_px=_map_points(boxes[b, n].reshape(2, 2), inverse).reshape(4),
                     keypoints_px=_map_points(keypoints[b, n], inverse),
                     visibility=visibility[b, n].astype(np.int64),
-                    range_m=float(ranges[b, n]),
+                    range_m=comparable_range_m(ranges_m[b, n], reference[b, n], keypoints[b, n], visibility[b, n]),
                     range_std_m=float(range_stds[b, n]),
                     reference=int(reference[b, n]),
                     scene=None if scenes is None else scenes[b],
@@ -171,25 +173,51 @@ def to_truths(
     return pictures
 
 
+def comparable_range_m(
+    range_m: float, reference: int, keypoints_px: FloatArray, visibility: NDArray[np.int64]
+) -> float:
+    """A laser reading, or 0 where it cannot be compared with an estimate.
+
+    Every estimator ranges the nearer waterline keypoint. A reading of one that is named can be compared only where
+    that is the nearer one, which is the lower one in the picture of those that are labelled.
+
+    Args:
+        range_m: what the laser read, 0 where it read nothing.
+        reference: the keypoint that it belongs to, or ``NEAREST_WATERLINE``.
+        keypoints_px: (7, 2) labelled keypoints.
+        visibility: (7,) of them, 0 where not labelled.
+    """
+    labelled = [keypoint for keypoint in WATERLINE_KEYPOINTS if visibility[keypoint] > 0]
+    if reference == NEAREST_WATERLINE or not labelled:
+        return float(range_m)
+    nearer_v_px = max(keypoints_px[keypoint, 1] for keypoint in labelled)
+    return float(range_m) if reference in labelled and keypoints_px[reference, 1] == nearer_v_px else 0.0
+
+
 def match_boats(
     boats: Sequence[BoatRecord], truths: Sequence[TruthRecord], confidence: float = RANGE_CONFIDENCE
 ) -> list[BoatRecord | None]:
     """Find the predicted boat of each labelled one in one picture; None where it was missed.
 
     A picture with a single labelled boat takes the best-scoring prediction, wherever it lies (a box on a buoy is an
-    error, not a miss). With several, the predictions go by descending score and each takes the labelled boat that it
-    overlaps most among those still free. Predictions scoring below ``confidence`` never count.
+    error, not a miss). With several, the pairs that overlap most go first, of equal ones the better scoring, so that a
+    boat found twice does not take its neighbour's label; each goes once, and below ``LEAST_IOU`` there is no pair.
+    Predictions scoring below ``confidence`` never count.
     """
     candidates = sorted((boat for boat in boats if boat.score >= confidence), key=lambda boat: -boat.score)
     matches: list[BoatRecord | None] = [None] * len(truths)
     if len(truths) == 1:
         return [candidates[0] if candidates else None]
-    for boat in candidates:
-        overlaps = [
-            0.0 if taken is not None else box_iou(boat.box_px, truth.box_px) for truth, taken in zip(truths, matches)
-        ]
-        if overlaps and max(overlaps) > 0:
-            matches[int(np.argmax(overlaps))] = boat
+    overlaps = [
+        (box_iou(boat.box_px, truth.box_px), place, n)
+        for n, boat in enumerate(candidates)
+        for place, truth in enumerate(truths)
+    ]
+    taken: set[int] = set()
+    for overlap, place, n in sorted(overlaps, key=lambda pair: -pair[0]):  # stable: the best score first
+        if overlap >= LEAST_IOU and matches[place] is None and n not in taken:
+            matches[place] = candidates[n]
+            taken.add(n)
     return matches
 
 

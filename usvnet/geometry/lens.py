@@ -61,19 +61,21 @@ def undistort(
     points_px: Tensor,
     camera: Camera,
     iterations: int = 8,
+    newton_steps: int = 3,
     tolerance: float = 1e-5,
     min_determinant: float = 0.01,
 ) -> Undistorted:
     """Take the lens away from pixels (B, P, 2).
 
-    Kornia's fixed-point iteration and a Newton step find the point, outside the graph; a second Newton step polishes
-    it and carries the exact first derivative (implicit function theorem). Garbage and diverging points are set aside
+    Kornia's fixed-point iteration and Newton steps find the point, outside the graph; one more Newton step polishes it
+    and carries the exact first derivative (implicit function theorem). Garbage and diverging points are set aside
     before that step, so that every gradient is finite.
 
     Args:
         points_px: (B, P, 2) pixels.
         camera: B cameras.
         iterations: fixed-point steps before the Newton steps; strong lenses need more than Kornia's default of 5.
+        newton_steps: steps of Newton's method that end the search: near a lens's fold the fixed point alone creeps.
         tolerance: a point that distorts back further than this from where it came has no ray (0.007 px at f = 700 px).
         min_determinant: area scale of the distortion below which the lens model folds over and has no inverse.
     """
@@ -81,9 +83,12 @@ def undistort(
     target = (points_px - centre_px(camera)) / focal_px(camera)
     lens = camera.distortion.detach()
     found = undistort_points(target.detach(), plane, lens, num_iters=iterations)
-    found = _newton_step(found, target.detach(), lens)
+    for _ in range(newton_steps):
+        found = _newton_step(found, target.detach(), lens)
     miss = (distort(found, lens) - target.detach()).abs() / (1 + target.detach().abs())
-    valid = (miss.amax(-1) < tolerance) & (determinant_2x2(distortion_jacobian(found, lens)) > min_determinant)
+    slope = distortion_jacobian(found, lens)
+    upright = slope[..., 0, 0] + slope[..., 1, 1] > 0  # beyond the fold a point may lie across the centre, turned over
+    valid = (miss.amax(-1) < tolerance) & (determinant_2x2(slope) > min_determinant) & upright
 
     chosen = valid.unsqueeze(-1)
     start = torch.where(chosen, found, torch.zeros_like(found))

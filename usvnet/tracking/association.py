@@ -17,7 +17,7 @@ def associate(filters: Sequence[BoatFilter], sightings: Sequence[Sighting], gate
     """Pair boats with sightings so that the total of their negative log-likelihoods is least.
 
     Sightings with a range come first, for they say more; those with a bearing only are shared out among the boats that
-    are left.
+    are left. One without a bearing is nobody's.
 
     Args:
         filters: of the boats, brought to the time of the sightings.
@@ -30,7 +30,8 @@ def associate(filters: Sequence[BoatFilter], sightings: Sequence[Sighting], gate
     pairs: dict[int, int] = {}
     for ranged in (True, False):
         boats = [i for i in range(len(filters)) if i not in pairs]
-        seen = [j for j, sighting in enumerate(sightings) if sighting.ranged == ranged]
+        known = [j for j, sighting in enumerate(sightings) if math.isfinite(sighting.bearing_rad)]
+        seen = [j for j in known if sightings[j].ranged == ranged]
         gate = chdtri(2 if ranged else 1, 1 - gate_probability)
         cost = np.full((len(boats), len(seen)), NEVER)
         for row, i in enumerate(boats):

@@ -35,6 +35,7 @@ class Sighting(NamedTuple):
     """What one frame says about a boat."""
 
     bearing_rad: float
+    """nan where not even that is known: such a sighting is of no boat."""
     bearing_std_rad: float
     """Of the boat's own error."""
     inverse_per_m: float

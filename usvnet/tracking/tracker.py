@@ -113,12 +113,15 @@ class Tracker:
         """Go on to a frame.
 
         Args:
-            time_s: its time; one that is not after the last frame's counts as no time passed.
+            time_s: its time; one that is not after the last frame's counts as no time passed, and one that is before it
+                by more than ``lost_s`` is of a clock that was set back: everything begins anew, but for the numbers.
             sightings: what it shows.
 
         Returns:
             The confirmed boats, by number.
         """
+        if self.time_s - time_s > self.config.lost_s:
+            self._boats, self.time_s = [], time_s
         time_s = max(time_s, self.time_s)
         for boat in self._boats:
             boat.filter.predict(time_s - self.time_s)

@@ -42,6 +42,7 @@ def test_every_column_is_read(tmp_path: Path):
         ("range_m,instance", "1e300,0", r"range_m is 1e300, expected a finite number"),
         ("range_m,instance", "4,1.5", "instance is '1.5', expected a number"),
         ("range_m,reference", "4,mast", "reference is mast, expected one of nearest_waterline, bow"),
+        ("range_m,reference", "4,bow_left", "reference is bow_left, .* nearest_waterline, bow_bottom, stern_bottom$"),
         ("range_m,pitch_deg", "4,nan", "pitch_deg is nan"),
         ("range_m,pitch_deg", "4,170", "pitch_deg is 170"),
         ("range_m,roll_std_deg", "4,-1", "roll_std_deg is -1"),

@@ -53,6 +53,16 @@ def test_pictures_and_labels_in_folders_of_their_own_and_splits(scene_folder: Pa
         ("laser.csv", "image,range\nI/0002.png,3\n", r"laser\.csv:2: a range for boat 0 of .*has 0 boats"),
         ("laser.csv", "image,range,boat\nI/0001.png,3,-1\n", r"laser\.csv:2: instance is -1"),
         ("laser.csv", "image,range,reference\nI/0001.png,3,mast\n", r"laser\.csv:2: reference is mast"),
+        (
+            "laser.csv",
+            "image,range,scene\nI/0001,3,II\n",
+            r"laser\.csv:2: scene is II, but I/0001\.png lies in .* scene I$",
+        ),
+        (
+            "laser.csv",
+            "image,range,scene\nI/0001,3,I\nI/0001,,II\n",
+            r"laser\.csv:3: scene of .* is II, but .*:2 says I$",
+        ),
         ("I/0001.txt", "0 0.5\n", r"0001\.txt:1: 2 values, expected 26"),
         ("I/0001.png", "", r"0001\.png: corrupt picture"),
     ],
@@ -68,3 +78,13 @@ def test_a_folder_without_labels_is_refused(scene_folder: Path):
         path.unlink()
     with pytest.raises(FileNotFoundError, match="no labels, expected a text file such as"):
         read_scene_folder(scene_folder, Faults())
+
+
+def test_a_table_says_the_scene_of_pictures_that_lie_together(scene_folder: Path):
+    for scene in ("I", "VI"):
+        for path in sorted((scene_folder / scene).iterdir()):
+            path.rename(scene_folder / f"{scene}_{path.name}")
+    (scene_folder / "laser.csv").write_text("image,range,scene\nI_0001,7.25,I\nVI_0001,12.5,VI\nVI_0002,,VI\nIX,,IX\n")
+    pictures = read_scene_folder(scene_folder, Faults()).pictures
+    assert [picture.scene for picture in pictures] == ["I", None, "VI", "VI"]
+    assert [picture.range_m.tolist() for picture in pictures] == [[7.25], [], [12.5], [0.0]]

@@ -2,6 +2,9 @@
 
 Both are optional tables with a header and a column ``image``, the picture's path below ``images/``. Angles are in
 degrees. An empty cell is the same as a column that is not there.
+
+``reference`` says which point of the boat the laser read: ``nearest_waterline`` (the default), ``bow_bottom`` or
+``stern_bottom``. Ranges are met with the water, so that no point of the deck can be one.
 """
 
 import csv
@@ -11,11 +14,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from usvnet.data.records import Faults, RangeReading
-from usvnet.types import KEYPOINT_NAMES, NEAREST_WATERLINE
+from usvnet.types import KEYPOINT_NAMES, NEAREST_WATERLINE, WATERLINE_KEYPOINTS
 
 ATTITUDE_COLUMNS = ("pitch_deg", "roll_deg", "pitch_std_deg", "roll_std_deg")
 RANGE_COLUMNS = ("image", "range_m", "range_std_m", "instance", "reference", "scene", *ATTITUDE_COLUMNS)
-REFERENCES = {"nearest_waterline": NEAREST_WATERLINE, **{name: i for i, name in enumerate(KEYPOINT_NAMES)}}
+REFERENCES = {"nearest_waterline": NEAREST_WATERLINE, **{KEYPOINT_NAMES[i]: i for i in WATERLINE_KEYPOINTS}}
 TOO_LARGE = 2**63
 """What no float32 and no index holds is no measurement."""
 

@@ -7,7 +7,7 @@
 - ``*.csv`` at the top, as spreadsheets save them (comma, semicolon or tab; decimal point or comma): a column for the
   picture (``image``, ``file``, ``name`` ...; with folders or without, with its ending or without) and one for the laser
   (``range``, ``distance``, ``laser`` ..., in metres), and if need be ``std_m``, ``instance``, ``reference``, ``scene``.
-  An empty range is no reading.
+  An empty range is no reading. A picture in no scene's folder has the scene that ``scene`` says.
 """
 
 import csv
@@ -42,6 +42,8 @@ HEADERS = {
 
 Readings = dict[str, list[tuple[str, RangeReading]]]
 """Place for messages and reading, by the picture's path below the folder."""
+Scenes = dict[str, tuple[str, str]]
+"""Place for messages and scene, by the same."""
 
 
 def read_scene_folder(folder: Path, faults: Faults, follow: Follow = iter) -> Export:
@@ -63,7 +65,7 @@ def read_scene_folder(folder: Path, faults: Faults, follow: Follow = iter) -> Ex
     label_paths = {name: _label_path(folder, name) for name in names}
     if not any(path.is_file() for path in label_paths.values()):
         raise FileNotFoundError(f"{folder}: no labels, expected a text file such as {label_paths[names[0]]}")
-    readings = _read_tables(folder, [name.as_posix() for name in names], faults)
+    readings, scenes = _read_tables(folder, [name.as_posix() for name in names], faults)
     pictures: list[LabelledPicture] = []
     classes: set[int] = set()
     for name in follow(names):
@@ -82,6 +84,11 @@ def read_scene_folder(folder: Path, faults: Faults, follow: Follow = iter) -> Ex
             parts = [part for part in name.parts if part != "images"]
             split = parts.pop(0) if len(parts) > 1 and parts[0] in SPLITS else None
             scene = parts[0] if len(parts) > 1 else None
+            if name.as_posix() in scenes:
+                where, said = scenes[name.as_posix()]
+                if scene not in (None, said):
+                    raise ValueError(f"{where}: scene is {said}, but {name} lies in the folder of scene {scene}")
+                scene = said
             taken = tuple(reading for _, reading in found)
             pictures.append(LabelledPicture(folder / name, "/".join(parts), split, scene, size_px, labels, taken))
     with faults.catch():
@@ -98,8 +105,8 @@ def _label_path(folder: Path, name: Path) -> Path:
     return folder.joinpath(*name.parts[:at], "labels", *name.parts[at + 1 :]).with_suffix(".txt")
 
 
-def _read_tables(folder: Path, names: list[str], faults: Faults) -> Readings:
-    """What the laser read, from every table at the top of the folder."""
+def _read_tables(folder: Path, names: list[str], faults: Faults) -> tuple[Readings, Scenes]:
+    """What the laser read and which scene it was, from every table at the top of the folder."""
     by_ending: dict[str, list[str]] = defaultdict(list)  # a picture's names: I/0001.jpg, I/0001, 0001.jpg, 0001
     for name in names:
         parts = PurePosixPath(name).parts
@@ -108,21 +115,27 @@ def _read_tables(folder: Path, names: list[str], faults: Faults) -> Readings:
             for way in (ending.as_posix(), ending.with_suffix("").as_posix()):
                 by_ending[way].append(name)
     readings: Readings = defaultdict(list)
+    scenes: Scenes = {}
     for path in sorted(folder.glob("*.csv")):
         with faults.catch():
             for where, row in _rows(path):
                 with faults.catch():
                     try:
                         reading = _reading(row)
-                        if reading is None:
+                        if reading is None and len(_pictures_of(row, by_ending)) != 1:
                             continue
                         name = _picture_of(row, by_ending)
+                        if "scene" in row and scenes.setdefault(name, (where, row["scene"]))[1] != row["scene"]:
+                            before, said = scenes[name]
+                            raise ValueError(f"scene of {name} is {row['scene']}, but {before} says {said}")
+                        if reading is None:
+                            continue
                         if reading.instance in (known.instance for _, known in readings[name]):
                             raise ValueError(f"a second range for boat {reading.instance} of {name}, expected one")
                     except ValueError as error:
                         raise ValueError(f"{where}: {error}") from None
                     readings[name].append((where, reading))
-    return readings
+    return readings, scenes
 
 
 def _rows(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
@@ -183,14 +196,24 @@ def _number(row: dict[str, str], key: str) -> float:
     return value
 
 
+def _pictures_of(row: dict[str, str], by_ending: dict[str, list[str]]) -> set[str]:
+    """The pictures that a row can mean."""
+    found = set(by_ending.get(_written(row), []))
+    if len(found) > 1 and "scene" in row:
+        found = {name for name in found if row["scene"] in PurePosixPath(name).parts[:-1]}
+    return found
+
+
 def _picture_of(row: dict[str, str], by_ending: dict[str, list[str]]) -> str:
     """The only picture that a row can mean."""
     if "image" not in row:
         raise ValueError("a range without a picture, expected a name such as I/0001.jpg")
-    written = row["image"].replace("\\", "/").removeprefix("./")
-    found = by_ending.get(written, [])
-    if len(found) > 1 and "scene" in row:
-        found = [name for name in found if row["scene"] in PurePosixPath(name).parts[:-1]]
-    if len(set(found)) != 1:
-        raise ValueError(f"image is {written}, which {len(set(found))} pictures could be, expected one")
-    return found[0]
+    found = _pictures_of(row, by_ending)
+    if len(found) != 1:
+        raise ValueError(f"image is {_written(row)}, which {len(found)} pictures could be, expected one")
+    return found.pop()
+
+
+def _written(row: dict[str, str]) -> str:
+    """The picture's name as it stands in a row, with slashes."""
+    return row.get("image", "").replace("\\", "/").removeprefix("./")

@@ -38,13 +38,13 @@ class Tile(NamedTuple):
 def worst_examples(examples: Iterable[Example]) -> list[Example]:
     """The largest errors first, one boat a picture; boats without a range are not among them."""
     ordered = sorted((e for e in examples if math.isfinite(e.error)), key=lambda e: -abs(e.error))
-    return list({example.frame.name: example for example in reversed(ordered)}.values())[::-1][:WORST]
+    return _one_a_picture(ordered)[:WORST]
 
 
 def missed_examples(examples: Iterable[Example]) -> list[Example]:
     """Boats without a range, nearest first (that of the largest box where there are no readings), one a picture."""
     ordered = sorted((e for e in examples if not math.isfinite(e.error)), key=_obviousness)
-    return list({example.frame.name: example for example in reversed(ordered)}.values())[::-1]
+    return _one_a_picture(ordered)
 
 
 def tiles(examples: Sequence[Example], estimator: str) -> list[Tile]:
@@ -58,6 +58,14 @@ def data_uri(picture: Picture) -> str:
         ".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
     )
     return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode("ascii")
+
+
+def _one_a_picture(ordered: Iterable[Example]) -> list[Example]:
+    """The first example of every picture, in their order."""
+    firsts: dict[str, Example] = {}
+    for example in ordered:
+        firsts.setdefault(example.frame.name, example)
+    return list(firsts.values())
 
 
 def _tile(example: Example, estimator: str) -> Tile:
