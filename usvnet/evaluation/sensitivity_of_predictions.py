@@ -32,8 +32,8 @@ def predictions_errors(path: Path, data: Path, split: str, settings: Sensitivity
     frames = read_dataset(data, split)
     if meta.get("frames_sha256") != frames_sha256(frames):
         raise ValueError(
-            f"{path}: made of other pictures, cameras or hulls than the {split} split of {data} has now, or with another "
-            "--data.attitude than its files"
+            f"{path}: made of other pictures, cameras or hulls than the {split} split of {data} has now, or with "
+            "another source of attitude than its files"
         )
     ranged = ranged_boats([picture.boats for picture in pictures], [frame_truths(frame) for frame in frames])
     found = [(item.boat, frames[item.picture], item.truth.range_m) for item in ranged if item.boat is not None]
