@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from usvnet.evaluation.disturbances import DISTURBANCES
 from usvnet.evaluation.records import ESTIMATORS
 from usvnet.evaluation.sensitivity import SetErrors, Study
 from usvnet.evaluation.sensitivity_of_predictions import predictions_errors
@@ -56,6 +57,8 @@ def sensitivity(
         FileNotFoundError: no such file.
     """
     settings = load_sensitivity(config)
+    if not settings.disturbances:
+        raise ValueError(f"{config}: disturbances: expected at least one of {', '.join(DISTURBANCES)}")
     if camera is not None:
         settings = replace(settings, camera=camera)
     console = Console(highlight=False, markup=False, width=max(Console().width, TERMINAL_COLUMNS))

@@ -40,8 +40,6 @@ class SensitivitySettings(Bounded):
         for name, values in (("distances_m", self.distances_m), ("headings_deg", self.headings_deg)):
             if not values:
                 raise ValueError(f"{name}: expected at least one number")
-        if not self.disturbances:
-            raise ValueError(f"disturbances: expected at least one of {', '.join(DISTURBANCES)}")
         if min(self.distances_m) <= 0:
             raise ValueError(f"distances_m: expected metres above 0, got {min(self.distances_m):g}")
         for name, values in self.disturbances.items():
