@@ -222,12 +222,13 @@ class USVModule(LightningModule):
         Raises:
             ValueError: the run has no end.
         """
-        if math.isinf(self.trainer.estimated_stepping_batches):
+        batches = self.trainer.estimated_stepping_batches
+        if math.isinf(batches):
             raise ValueError(
                 f"trainer.max_epochs is {self.trainer.max_epochs} and trainer.max_steps {self.trainer.max_steps}, "
                 "expected either above 0: the learning rate's course needs the run's end"
             )
-        steps = int(self.trainer.estimated_stepping_batches)
+        steps = int(batches)
         config = resolve_auto(self.optimiser, steps)
         optimiser: Optimizer = build_optimiser(self, config)
         warmup = warmup_steps(config, steps / max(self.trainer.max_epochs or 1, 1), steps)

@@ -48,13 +48,13 @@ def read_coco(path: Path, faults: Faults) -> dict[str, tuple[Labels, tuple[int, 
                 name, size_px = str(image["file_name"]), (int(image["width"]), int(image["height"]))
                 if min(size_px) < 1:
                     raise ValueError("a picture without pixels")
-                number_of = image["id"]
+                image_id = image["id"]
             except (KeyError, TypeError, ValueError, OverflowError):
                 expected = "id, file_name, width and height"
                 raise ValueError(f"{path}: images[{number}] is {short(image)}, expected {expected}") from None
             if name in boats:
                 raise ValueError(f"{path}: images[{number}] is a second {name}")
-            boats[name], pictures[number_of] = [], (name, size_px)
+            boats[name], pictures[image_id] = [], (name, size_px)
     for number, annotation in enumerate(annotations):
         with faults.catch():
             try:
